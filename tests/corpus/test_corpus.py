@@ -18,11 +18,8 @@ from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.bench import PATIENCE_S, Bench
 from tests.support.corpus_recording import CORPUS, heard
-from tests.support.stalls import Stalls
 
 NAMES = sorted(folder.name for folder in CORPUS.iterdir() if (folder / "cell.log").exists())
-HELD_UP_S = 0.25
-"""Half the shortest time-out of these rigs: no link is left for less."""
 ON_WIRES = ("heidenhain-egm", "keyence-rtde", "mahr-rsi", "sylvac-lines")
 
 
@@ -39,9 +36,9 @@ def test_the_drivers_hear_what_they_heard(name: str) -> None:
     assert heard(parse(text, name), capture) == expected
 
 
+@pytest.mark.real_time  # rigd leaves a link that is silent for 0.5 s, and the replay restarts
 def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None:
     with ExitStack() as stack:
-        stalls = stack.enter_context(Stalls())
         played = {}
         for name in ON_WIRES:
             text, capture, expected = _case(name)
@@ -54,9 +51,7 @@ def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None
             deadline = time.monotonic() + seconds + PATIENCE_S
             while not replay.done and time.monotonic() < deadline:
                 time.sleep(0.05)
-            if replay.restarts and stalls.worst_s > HELD_UP_S:
-                pytest.skip(f"this computer held up {name} for {stalls.worst_s:.1f} s, until rigd left it")
-            assert replay.done, name
+            assert replay.done, (name, replay.restarts)
             assert replay.otherwise == 0, name
             for stream, one in expected.items():
                 steps = replay.steps[stream]  # on a busy computer the host asks too late for some answers

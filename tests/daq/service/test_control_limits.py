@@ -17,12 +17,10 @@ from typing import Any
 
 import pytest
 
-from daq.acquisition.stream_buffer import STALL_NS
 from daq.service import control
 from daq.service.control import ControlServer
 from daq.store import read_run
 from tests.support.bench import BIN, Bench
-from tests.support.stalls import Stalls
 
 pytestmark = pytest.mark.alone  # a run beside a flood has no stalls
 
@@ -175,16 +173,11 @@ def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int
     path = bench.record()
     before = bench.recorded(20)["samples"]
     with ExitStack() as opened:
-        with Stalls() as stalls:
-            for _ in range(1200):
-                opened.enter_context(connected(bench.socket))
-            bench.recorded(min(before.values()) + 50)
-            done = bench.run("rig", "record", "stop")
-        # Where the computer itself stood still, and the emulated gauges with it, a run says so, and is complete all the
-        # same.
-        said = [line for line in done.stderr.splitlines() if "stalled" not in line and "silent" not in line]
-        stood = stalls.lost_s > STALL_NS / 1e9 and not said
-        assert done.returncode == 0 and (done.stderr == "" or stood)
+        for _ in range(1200):
+            opened.enter_context(connected(bench.socket))
+        bench.recorded(min(before.values()) + 50)
+        done = bench.run("rig", "record", "stop")
+        assert done.returncode == 0 and done.stderr == ""
         second = bench.record("second")
         assert bench.run("rig", "record", "stop").returncode == 0
     for run in (path, second):
