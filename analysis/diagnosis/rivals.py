@@ -101,13 +101,13 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
     bare, whole = selection.evidence(rest), selection.evidence(state)
     gain = whole - bare
     here = selection.posterior(state)
-    beside = np.maximum(np.maximum(*selection.gains(state, here)), 0.0)
+    beside = np.maximum(*selection.gains(state, here))
     alone = selection.posterior(rest)
     linear = np.maximum(*selection.gains(rest, alone))
     # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
-    score = linear - beside
+    score = linear - np.maximum(beside, 0.0)
     rivals: list[tuple[SelectionState, float]] = []
     seen: set[str] = set()
     for k in np.argsort(-score).tolist():
@@ -120,8 +120,10 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
             continue
         seen.add(name_of(tried.refined.effects[-1]))
         instead = selection.evidence(tried) - bare
-        own = instead - float(beside[k])
-        if own > gain - _DOUBT:
+        own = instead - max(float(beside[k]), 0.0)
+        # A wave may be beside the name already, and have another order only without it.
+        is_new = np.isfinite(beside[k])
+        if is_new and own > gain - _DOUBT:
             # A rival that explains as much beside the name explains a different part of the readings.
             both = selection.with_form(state, here, k)
             own = instead - max(selection.evidence(both) - whole, 0.0)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike
+from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
@@ -76,6 +77,34 @@ def test_two_coefficients_of_a_wave_are_its_size_and_phase() -> None:
     found = combined_effect((wave, wave), np.array([3.0, 4.0]))
     assert size_of(found) == pytest.approx(5.0)
     assert getattr(found, "phase_deg", 0.0) == pytest.approx(np.degrees(np.arctan2(4.0, 3.0)))
+
+
+def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wave may move to another order once a name is left out; the form that it came from is a rival of the name then,
+    and is no form of the background beside it."""
+    wave, offset = TransmissionError(axis=1, order=20.0, amplitude_deg=0.003), JointOffset(axis=2, offset_deg=0.2)
+    selection = Selection(holding(healthy(), white(healthy(), 17) + shown_by(healthy(), [wave])), healthy_columns())
+    state = selection.initial_state((offset, wave))
+    without, gains = Selection.without, Selection.gains
+
+    def moving(selection: Selection, state: SelectionState, place: int) -> SelectionState:
+        rest = without(selection, state, place)
+        (left,) = rest.refined.effects
+        effects = (left.model_copy(update={"order": 40.0}),)
+        refined = replace(rest.refined, effects=effects, residual=selection.linear.residual(effects))
+        return replace(rest, refined=refined)
+
+    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+        own = [is_same(form, wave) for form in selection.columns.forms]
+        fault, alone = gains(selection, of, posterior)
+        return (fault, alone) if of is state else (np.where(own, 1e6, -np.inf), np.where(own, alone, -np.inf))
+
+    monkeypatch.setattr(Selection, "without", moving)
+    monkeypatch.setattr(Selection, "gains", of_that_wave)
+    monkeypatch.setattr("analysis.diagnosis.rivals._DOUBT", np.inf)
+    one = rival_odds(selection, state, 0)
+    assert [name_of(tried.refined.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
+    assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)
 
 
 def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch: pytest.MonkeyPatch) -> None:
