@@ -7,8 +7,11 @@ import os
 import signal
 import termios
 import threading
+import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
@@ -17,11 +20,13 @@ from daq.discovery.attempts import Attempt, attempts
 from daq.emulators.pty_line import PtyLine
 from rigs.errors import CellError
 from rigs.schema.links import Line
+from tests.support.bench import PATIENCE_S
 from tests.support.unknown_cells import GAUGES, make_it_stream, switched_on
 
 pytestmark = pytest.mark.alone  # an answer that comes late is of another attempt
 
 LISTEN_S = 0.3
+_One = TypeVar("_One")
 
 
 def searched(*ports: str, **more: object) -> list[PortReport]:
@@ -190,6 +195,15 @@ def test_a_port_that_disappears_while_it_is_searched() -> None:
     assert not report.gauges and report.problem and report.remedy
 
 
+def _awaited(what: Callable[[], _One | None]) -> _One:
+    """The first of what is asked for again and again that is not empty."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := what()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return found
+
+
 def test_the_gauge_that_is_pushed_is_seen() -> None:
     with switched_on("keyence") as unknown:
         (report,) = searched(*unknown.gauge_ports)
@@ -200,13 +214,11 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
                 waited.wait(0.02)
                 assert watch.pushed(places) is None
             unknown.hand.mm["g2"] += 1.5
-            while (place := watch.pushed(places)) is None:
-                waited.wait(0.01)
+            place = _awaited(lambda: watch.pushed(places))
             watch.rest()
             unknown.hand.mm["g2"] -= 1.5
             unknown.hand.mm["g1"] += 1.5
-            while (other := watch.pushed(places[:1])) is None:  # while the finger leaves the second one
-                waited.wait(0.01)
+            other = _awaited(lambda: watch.pushed(places[:1]))  # while the finger leaves the second one
     assert other == places[0]
     assert place == report.gauges[1].place and place.endswith("#2")
 
@@ -215,10 +227,7 @@ def test_a_gauge_that_is_lost_while_it_is_watched() -> None:
     with switched_on("tesa") as unknown:
         (report,) = searched(*unknown.gauge_ports)
         with Watch(report.gauges) as watch:
-            while not watch.readings_mm():
-                threading.Event().wait(0.01)
+            _awaited(watch.readings_mm)
             unknown.cell.unplug("g1")
             with pytest.raises(CellError, match="was lost"):
-                while True:
-                    watch.readings_mm()
-                    threading.Event().wait(0.01)
+                _awaited(lambda: watch.readings_mm() and None)
