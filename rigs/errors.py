@@ -46,6 +46,12 @@ def _in_one_line(text: str) -> str:
     return plain(text)
 
 
+class UseError(RigError):
+    """A command is used in a way that it does not offer: options that exclude each other, an impossible value."""
+
+    exit_code = 2
+
+
 class FileError(RigError):
     """A rig file, a run or a table is missing, damaged or wrong."""
 

@@ -16,7 +16,7 @@ from typer.exceptions import TyperException
 from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import Group, with_the_command_of
 from analysis.cli.console import say_error
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError, RigError, UseError
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
@@ -97,9 +97,7 @@ def _wrong_use(error: TyperException) -> NoReturn:
         sys.exit(2)
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rig"
-    wrong = RigError(command, what, f"see {command} --help")
-    wrong.exit_code = 2
-    _fail(wrong)
+    _fail(UseError(command, what, f"see {command} --help"))
 
 
 def _version(asked: bool) -> None:

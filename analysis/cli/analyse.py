@@ -13,7 +13,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
-from rigs.errors import FileError
+from rigs.errors import UseError
 
 if TYPE_CHECKING:
     from analysis import Result
@@ -51,7 +51,7 @@ def analyse(
     if as_lines:
         if as_json or plot or each or truth:
             what = "gives each run by itself, and nothing of several"
-            raise FileError("--lines", what, "leave out --json, --plot, --each and --truth")
+            raise UseError("--lines", what, "leave out --json, --plot, --each and --truth")
         end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)

@@ -50,7 +50,7 @@ def calibrate(
     from analysis.cli.several import end_with, worst  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output and output.exists():
@@ -58,7 +58,7 @@ def calibrate(
     aside = distinct(hold_out or ())
     used = [path for path in distinct(runs) if path not in aside]
     if not used:
-        raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
+        raise UseError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
     (measured, bad), (judges, worse) = load_runs(used), load_runs(aside)
     end_with(worst([*bad, *worse]))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)

@@ -12,7 +12,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say
 from analysis.cli.options import AsJson
-from rigs.errors import FileError, RigError
+from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
     from analysis.cli.fitted_test import FittedTest, RigFile
@@ -61,7 +61,7 @@ def fit(
 
     if bool(runs) == live:
         what = "both runs and --live are given" if live else "nothing is given to fit"
-        raise _use("rig circle fit", what, "give run directories, or --live")
+        raise UseError("rig circle fit", what, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
     motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
     print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
@@ -196,9 +196,3 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
         touched = touched_ball(runs, rig)
         values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts
     return FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
-
-
-def _use(command_path: str, what: str, remedy: str) -> RigError:
-    wrong = RigError(command_path, what, remedy)
-    wrong.exit_code = 2
-    return wrong

@@ -12,7 +12,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRuns
-from rigs.errors import FileError
+from rigs.errors import UseError
 
 _AGAINST = "--against"
 
@@ -57,7 +57,7 @@ def compare(
     """
     if against:
         if rig_file or plot:
-            raise FileError(_AGAINST, "compares runs and draws no simulation", "leave --rig and --plot out")
+            raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig and --plot out")
         _before_and_after(runs, against, as_json)
         return
     import analysis  # noqa: PLC0415

@@ -12,7 +12,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
-from rigs.errors import FileError, RigError
+from rigs.errors import RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
@@ -99,14 +99,13 @@ def _hold_writable(output: Path) -> None:
 
 
 def _by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
-    """The runs that names are looked for in, those held out, and those unseen. Raises FileError without the first."""
+    """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
     from analysis.cli.run_paths import runs_below  # noqa: PLC0415
 
     every, held, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
     used = [path for path in every if path not in {*held, *elsewhere}]
     if not used:
-        what = "is held out or unseen, like every other run, and a diagnosis needs at least one"
-        raise FileError("RUN…", what, "hold out fewer")
+        raise UseError("--hold-out and --unseen", "leave no run to diagnose", "name fewer runs there")
     return used, held, elsewhere
 
 

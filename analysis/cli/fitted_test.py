@@ -10,7 +10,7 @@ from typing import Literal
 
 from analysis.cli.console import say, say_json
 from rigs.edit import Values, block_of, with_test
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.files import read_bytes
 from rigs.load import find, load, parse, shipped
 from rigs.rig import Rig
@@ -45,10 +45,10 @@ class FittedTest:
 
 
 def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
-    """The rig file that --rig names. Raises FileError where --write has none, or one that is shipped."""
+    """The rig file that --rig names. Raises UseError if --write has none, FileError if it is a shipped one."""
     if name is None:
         if write:
-            raise FileError("--write", "needs the rig file that it writes", "give it with --rig FILE")
+            raise UseError("--write", "needs the rig file that it writes", "give it with --rig FILE")
         return None
     path = find(name)
     if write and path.resolve() in {one.resolve() for one in shipped().values()}:
@@ -103,7 +103,8 @@ def _written(to: RigFile, text: str, *, write: bool) -> str:
         return f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
     if text == to.text:
         return f"{to.path} has these values already"
-    return f"wrote {to.path}; as it was: {_replace(to.path, to.text, text)}"
+    kept = _replace(to.path, to.text, text)
+    return f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
 
 
 def _not_drivable(rig: Rig) -> list[str]:

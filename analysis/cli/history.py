@@ -54,11 +54,11 @@ def history(
     """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
     from analysis.history.collect import Workers  # noqa: PLC0415
     from analysis.history.history import history_of  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if as_json and as_csv:
-        raise FileError("--json and --csv", "cannot both be printed", "give one of them")
+        raise UseError("--json and --csv", "cannot both be printed", "give one of them")
     collected = _collected(data, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)

@@ -17,6 +17,7 @@ from rigs.schema.vocabulary import MAKERS, maker_of
 
 if TYPE_CHECKING:
     from analysis.setup.options import Options
+    from rigs.rig import Rig
 
 _INTERRUPTED = 130
 
@@ -155,17 +156,23 @@ def next_steps(rig_file: Path) -> list[str]:
             *begin,
             "# jog the robot to three or more points of its circle, then Ctrl-C:",
             f"rig circle fit --live --rig {file} --write",
+            f"# stop rigd with Ctrl-C and start it again, so that it knows the circle: rigd {file}",
+            *_first_lap(rig, file),
         ]
+    *lap, report = _first_lap(rig, file)
+    return [*begin, *lap, f"rig circle fit runs/*first* --rig {file} --write", report]
+
+
+def _first_lap(rig: Rig, file: str) -> list[str]:
+    """Return the commands of a first lap and, last, of its report."""
     maker, others = maker_of(rig.feedback.interface), ""
     if maker is None:
         maker, *more = MAKERS
         others = f"  # or {', '.join(more)}"
     return [
-        *begin,
         f"rig program {file} --for {maker} --test circle -o programs{others}",
         "rig record start first-acw --test yaw --direction acw",
         "# start the robot's program, at reduced speed",
         "rig record stop",
-        f"rig circle fit runs/*first* --rig {file} --write",
         "rig report runs/*first* -o first.html",
     ]

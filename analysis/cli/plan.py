@@ -28,7 +28,9 @@ def plan(
     rig_file: RigArgument,
     tests: Annotated[
         str | None,
-        typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),
+        typer.Option(
+            help="Tests, separated by commas: yaw, roll, radial, repeatability; default: those set up in the rig file."
+        ),
     ] = None,
     runs: Annotated[
         int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
@@ -48,11 +50,11 @@ def plan(
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output and not propose:
-        raise FileError("--output", "is for proposed circles", "give --propose as well")
+        raise UseError("--output", "is allowed only with --propose", "add --propose")
     rig, text = load(rig_file)
     named = tests_named(rig, tests)
     if propose:

@@ -31,7 +31,7 @@ def relabel(
         typer.Option(help="Your name for where the instrument or the ball stood, '' for none; default: unchanged."),
     ] = None,
 ) -> None:
-    """Correct the labels of runs; their manifests keep the old labels."""
+    """Correct the labels of runs; their ledgers keep the old labels."""
     from daq.store import relabel as relabel_run  # noqa: PLC0415
 
     if test is None and direction is None and operator is None and placement is None:

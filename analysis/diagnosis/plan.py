@@ -13,7 +13,7 @@ from analysis.diagnosis.form_posterior import is_detectable, is_separable
 from analysis.diagnosis.judgement import Judgement, judged, separation_sigma
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.separating_tests import PossibleTest, SeparatingTest, best_first, possible_tests
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 from rigs.schema.vocabulary import CIRCLES, TestName
@@ -95,7 +95,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
 
 
 def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
-    """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises FileError for
+    """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises UseError for
     an unknown name."""
     if names is None:
         circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
@@ -104,7 +104,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in known:
-            raise FileError("--tests", f"knows no {name!r}", f"give some of {','.join(known)}")
+            raise UseError("--tests", f"knows no {name!r}", f"give some of {','.join(known)}")
     return tuple(name for name in known if name in asked)
 
 

@@ -24,7 +24,7 @@ from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.testable_aims import Aims
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
 
@@ -77,11 +77,12 @@ def propose(
 ) -> Proposal:
     """Return circles that make testable what `tests`, driven `runs` times in each direction, cannot show.
 
-    Raises FileError for tests without a circle, for a rig without one, and where the arm cannot drive a test.
+    Raises UseError for tests without a circle, and FileError for a rig without one and where the arm cannot drive a
+    test.
     """
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
-        raise FileError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
+        raise UseError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
     candidates = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)

@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, Verdict
 from analysis.reporting.diagnosis_words import (
     beside_size,
@@ -145,7 +146,9 @@ def _cannot(found: Diagnosis) -> list[RenderableType]:
     if names:
         rest = len(names) - _MOST_NAMES
         told_all = shortened(names[:_MOST_NAMES]) + (f", and {rest} more" if rest > 0 else "")
-        lines.append(Text(f"not detectable by these tests at any size: {told_all}", style="dim"))
+        lines.append(
+            Text(f"not detectable by these tests, even at {LARGEST_FAULT:g} healthy sizes: {told_all}", style="dim")
+        )
     return list(lines)
 
 

@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import TextIO
 
 from daq.acquisition.streams import Stream
-from daq.wire.capture import HEAD, Mark, Piece
+from daq.wire.capture import HEAD, MOST_BYTES, Mark, Piece
 from daq.wire.session import ByteLink
 from rigs.errors import FileError
 
 log = logging.getLogger("rigd")
-LARGEST = 4 << 30
+LARGEST = 9 * MOST_BYTES // 10
+"""Size at which a capture ends: what `rig replay` reads, with room for the last write."""
 _ROOM = 200_000
 """Pieces held for a stalled disk: minutes at 500 Hz."""
 _WRITE_S = 0.5
@@ -93,7 +94,7 @@ class CaptureWriter(threading.Thread):
         except OSError as error:
             self._end(f"{error.strerror or error}")
         if self._size >= LARGEST:
-            self._end(f"it has grown to {LARGEST >> 30} GB; start rigd again with another file to go on")
+            self._end(f"it has grown to {LARGEST / 1e9:g} GB; start rigd again with another file to go on")
 
     def _end(self, why: str) -> None:
         with self._lock:

@@ -101,7 +101,7 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
     try:
         data = read_bytes(file, MOST_BYTES)
     except FileNotFoundError:
-        raise FileError(str(file), "the manifest lists this chunk and it is missing", remedy) from None
+        raise FileError(str(file), "the ledger lists this chunk and it is missing", remedy) from None
     except OSError as error:
         raise unreadable(file, error) from None
     if sha256(data) != chunk.sha256:

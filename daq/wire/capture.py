@@ -22,8 +22,8 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 HEAD = "# rig capture 1"
-_MOST_BYTES = 1_000_000_000
-"""An hour of three busy streams has 0.5 GB."""
+MOST_BYTES = 1_000_000_000
+"""Largest capture that is read. An hour of three busy streams has 0.5 GB."""
 _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
@@ -72,7 +72,7 @@ class Capture:
 def read_capture(path: Path) -> Capture:
     """Read a capture file. Raises FileError that names the first line that cannot be read."""
     try:
-        text = read_bytes(path, _MOST_BYTES).decode()
+        text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no text"
         raise FileError(str(path), reason, "give the file that rigd --capture wrote") from None

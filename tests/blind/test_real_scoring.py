@@ -100,12 +100,13 @@ def test_worth_follows_from_the_gap_where_an_answer_has_no_key_for_it() -> None:
 
 def test_odds_are_held_against_how_often_they_are_right() -> None:
     honest = [case("one", said("named", PLAY), BACKLASH)] * 99
-    assert row([*honest, case("healthy", said("named", LAG | {"posterior": 0.995}))], "odds told 99 to 100 %: right")[1]
+    told = [*honest, case("healthy", said("named", LAG | {"posterior": 0.995}))]
+    assert row(told, "odds stated 99 to 100 %: right")[1]
     sure = [case("healthy", said("named", LAG | {"posterior": 0.9}))] * 10
-    assert row(sure, "odds told 80 to 95 %: right")[1] is False
+    assert row(sure, "odds stated 80 to 95 %: right")[1] is False
     assert [(one.names, one.right) for one in reliability(sure)] == [(0, 0), (0, 0), (10, 0), (0, 0)]
     assert as_json(sure)["reliability"][2]["told"] == pytest.approx(0.9)
-    assert row(sure, "odds told 50 to 80 %: right") == ("no names", None)
+    assert row(sure, "odds stated 50 to 80 %: right") == ("no names", None)
 
 
 def test_sizes_are_held_against_the_truth() -> None:

@@ -167,7 +167,7 @@ def held_to(path: Path, promised: dict[str, int], *, may_miss: bool) -> tuple[in
     """Rows promised, and rows beyond them; every row that is there is the one that was recorded.
 
     may_miss: the end of a run that the disk ended counts rows that were handed to the system and never synced; those
-    that a power cut then took are said to be missing.
+    that a power cut then took are reported as missing.
     """
     verdict = judge(path)
     assert not verdict.problems, verdict.problems[0]

@@ -17,7 +17,7 @@ from analysis import cli
 from analysis.history.history import history_of
 from analysis.history.page import write_page
 from analysis.history.words import remarks, sentences
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import SHIPPED
 from tests.support.dated_runs import dated_run
 from tests.support.figure_histories import Growth, collected, drawn_history
@@ -79,12 +79,12 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     answer = json.loads(ran("history", "ur10e", "--data", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"]) and not answer["sentences"]
-    for options, words in (
-        (["--since", "2027-01-01"], "no run since 2027-01-01"),
-        (["--figure", "nothing"], "'nothing'"),
-        (["--json", "--csv"], "cannot both be printed"),
+    for options, kind, words in (
+        (["--since", "2027-01-01"], FileError, "no run since 2027-01-01"),
+        (["--figure", "nothing"], FileError, "'nothing'"),
+        (["--json", "--csv"], UseError, "cannot both be printed"),
     ):
-        with pytest.raises(FileError, match=words):
+        with pytest.raises(kind, match=words):
             ran("history", "ur10e", "--data", runs, *options)
 
 
@@ -95,7 +95,7 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "Play of axis 3 of yaw acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
-    with pytest.raises(FileError, match="leave --rig and --plot out"):
+    with pytest.raises(UseError, match="leave --rig and --plot out"):
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 

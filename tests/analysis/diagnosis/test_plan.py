@@ -27,7 +27,7 @@ from analysis.model.predict import model_of
 from analysis.reporting.plan_report import as_table
 from analysis.simulation.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, scaled, size_of
@@ -212,5 +212,5 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
 
 def test_an_unknown_test_is_refused_in_one_line() -> None:
     done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
-    assert isinstance(done.exception, FileError)
+    assert isinstance(done.exception, UseError)
     assert done.exception.lines() == ["--tests: knows no 'jaw'; give some of yaw,roll,radial,repeatability"]

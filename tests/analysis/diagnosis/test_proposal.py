@@ -22,7 +22,7 @@ from analysis.geometry.feasible import feasible_tests
 from analysis.geometry.programs import circle_program
 from analysis.model.predict import SetUp
 from analysis.reporting.proposal_report import write
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
@@ -143,11 +143,11 @@ def _without_circle() -> Rig:
 
 def test_wrong_use_is_one_line(tmp_path: Path) -> None:
     for options, told in (
-        (["-o", str(tmp_path)], "--output: is for proposed circles; give --propose as well"),
+        (["-o", str(tmp_path)], "--output: is allowed only with --propose; add --propose"),
         (["--propose", "--tests", "radial"], "--tests: has no test on a circle; give yaw or roll"),
     ):
         done = CliRunner().invoke(app, ["plan", "paper-fanuc", *options])
-        assert isinstance(done.exception, FileError)
+        assert isinstance(done.exception, UseError)
         (line,) = done.exception.lines()
         assert line.startswith(told)
     with pytest.raises(FileError, match=r"has no tests\.circle to begin from"):

@@ -131,7 +131,7 @@ def rows_of(cases: Sequence[RealCase]) -> list[Row]:
         _share("foreign and larger than all else: called outside", 0.97, large, lambda c: c.outside),
         _share("  a wrong name given more than a fifth", 0.02, large, lambda c: c.gives_foreign_away, most=True),
         _share("foreign, a third of the fault: fault named", 0.93, third, lambda c: c.all_named),
-        _share("  told, where it can be seen", 0.90, seen_foreign, lambda c: c.tells_foreign),
+        _share("  reported, where visible", 0.90, seen_foreign, lambda c: c.tells_foreign),
         _share("  a wrong name given more than a fifth", 0.02, third, lambda c: c.gives_foreign_away, most=True),
         *[row for kind in SHIFTED for row in _shifted(kind, of(kind), of(kind, testable=False))],
         _rates(cases),
@@ -187,14 +187,14 @@ def reliability(cases: Sequence[RealCase]) -> list[Odds]:
 
 
 def _odds(one: Odds) -> Row:
-    figure = f"odds told {100 * one.low:g} to {100 * one.high:g} %: right"
-    goal = f"told ± {100 * one.near:g} points"
+    figure = f"odds stated {100 * one.low:g} to {100 * one.high:g} %: right"
+    goal = f"stated ± {100 * one.near:g} points"
     if not one.names:
         return Row(figure, goal, "no names", None)
     low, high = wilson(one.right, one.names)
     share = one.right / one.names
     value = f"{100 * share:.1f} % ({100 * low:.1f} … {100 * high:.1f}), {one.right} of {one.names}"
-    value += f"; told {100 * one.told:.1f} %"
+    value += f"; stated {100 * one.told:.1f} %"
     return Row(figure, goal, value, abs(share - one.told) <= one.near)
 
 

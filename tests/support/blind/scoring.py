@@ -241,6 +241,6 @@ def report(cases: Sequence[Case], most_pairs: int = 25) -> str:
     """The table, the confusion pairs and the notes, as text."""
     lines = table(rows_of(cases))
     pairs = confusions(cases)[:most_pairs]
-    lines += ["", "hidden → said instead, how often:"] * bool(pairs)
+    lines += ["", "hidden → named instead, how often:"] * bool(pairs)
     lines += [f"  {one} → {other}: {count}" for one, other, count in pairs]
     return "\n".join([*lines, "", *notes(cases)])
