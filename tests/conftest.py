@@ -7,6 +7,7 @@ import re
 from collections.abc import Generator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.support.stalls import Stalls
 
@@ -15,6 +16,9 @@ HELD_UP_S = 0.1
 """A shorter stall is no reason for a test that watches real time to fail, unless its marker says so. It is less than
 half the time-out of most emulated instruments."""
 
+# How long examples take on a busy computer is no subject of any property.
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 gc.set_threshold(100_000)
 """As the command `rig` has it: looking through 6600 collected tests every few hundred objects costs a tenth to a third
 of the processor time that collecting and quick tests take (14.1 s for 9.5 s of collecting, measured)."""

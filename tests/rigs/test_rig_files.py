@@ -256,7 +256,7 @@ def test_a_missing_file_names_what_is_shipped() -> None:
         find("no-such-rig")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_a_damaged_file_gives_one_line_and_never_anything_else(data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(TEXT) - 1))

@@ -111,7 +111,7 @@ def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Pat
     [
         ((), 2, "give run directories, or --live"),
         (("RUN", "--live"), 2, "both runs and --live"),
-        (("RUN", "--write"), 3, "give it with --rig FILE"),
+        (("RUN", "--write"), 2, "give it with --rig FILE"),
         (("RUN", "--rig", "ur10e", "--write"), 3, "shipped rig"),
         (("RUN", "--rig", "paper-fanuc"), 3, "another robot"),
         (("nothing",), 3, "nothing"),

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.cli import app
-from rigs.errors import FileError
+from rigs.errors import FileError, RigError
 from rigs.load import load
 
 CELL = load("paper-fanuc")[1]
@@ -124,13 +124,13 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
     (tmp_path / "used" / "mine").touch()
     words, told = {
         "missing": ([tmp_path / "no-run"], "no-run"),
-        "all held out": ([run, "--hold-out", run], "is held out or unseen"),
+        "all held out": ([run, "--hold-out", run], "leave no run to diagnose"),
         "directory": ([run, "-o", tmp_path / "used"], "not empty"),
         "robot": ([*cell.runs, "--rig", other], "another robot"),
         "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such rig file"),
     }[case]
     done = _rig("diagnose", *words)
-    raised = done.exception.lines() if isinstance(done.exception, FileError) else []
+    raised = done.exception.lines() if isinstance(done.exception, RigError) else []
     (line,) = raised or done.stderr.splitlines()
     assert told in line and not done.stdout
     assert [path.name for path in (tmp_path / "used").iterdir()] == ["mine"]

@@ -54,7 +54,7 @@ def test_the_robots_are_listed_what_needs_attention_first() -> None:
     printed = fleet("plant")
     names = re.findall(r"^ (robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
-    assert "1 run has no figures and is left out" in printed and "the manifest lists this chunk" in printed
+    assert "1 run has no figures and is left out" in printed and "the ledger lists this chunk" in printed
     assert "30 runs, 30 of them read (new, changed, or unreadable the last time)" in printed
 
 

@@ -301,7 +301,7 @@ def mutated(draw: st.DrawFn, test: TestName) -> str:
     return text
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) -> None:
     test = data.draw(st.sampled_from(TESTS))

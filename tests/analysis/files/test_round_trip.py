@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.files.read import read_file
@@ -250,7 +250,6 @@ def test_a_manifest_that_does_not_match_its_table(tmp_path: Path, change: dict[s
         measured_of(read_run(run))
 
 
-@settings(deadline=None)  # a busy computer is not its subject
 @given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), min_size=1, max_size=8))
 def test_extra_columns_hold_any_text(tmp_path_factory: pytest.TempPathFactory, texts: list[str]) -> None:
     rows = plain("pose")

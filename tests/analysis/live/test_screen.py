@@ -79,7 +79,7 @@ def test_a_screen_is_exactly_as_large_as_the_terminal(views: list[LiveView], wid
             assert all(line.isprintable() for line in lines)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(width=st.integers(1, 260), height=st.integers(1, 80))
 def test_no_size_breaks_it(width: int, height: int) -> None:
     lines = screen(LiveView(readings={"g1": Reading(0.1, 0.0)}), Controls(), width, height).lines()

@@ -110,7 +110,7 @@ def test_a_clock_whose_rate_follows_the_temperature_is_followed() -> None:
     assert error_us[1] > 150
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(0, 100), min_size=2, max_size=60), st.integers(0, 2**32 - 1))
 def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys: list[float], seed: int) -> None:
     x, y = np.arange(len(ys), dtype=float), np.array(ys)
@@ -199,7 +199,7 @@ def test_without_a_steady_pace_the_arrivals_stay() -> None:
 
 
 @example(4, 70, 4, 20)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 80), st.integers(0, 80), st.integers(0, 80), st.integers(1, 50))
 def test_messages_that_come_all_at_once_after_a_stall_are_no_pace(before: int, burst: int, after: int, ms: int) -> None:
     steps_ns = np.concatenate([np.full(before, ms * 1e6), np.zeros(burst), np.full(after, ms * 1e6)])

@@ -32,7 +32,7 @@ def counted_one_by_one(host_ns: Array, period_ns: float) -> Array:
     return along + np.minimum.accumulate(missing[::-1])[::-1]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(AHEAD, 800),
@@ -56,7 +56,7 @@ def test_numbers_are_those_of_counting_one_by_one(
     np.testing.assert_array_equal(numbered(host_ns, period_ns), counted_one_by_one(host_ns, period_ns))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.integers(0, 4000), min_size=AHEAD, max_size=300), st.integers(1, 3000))
 def test_numbers_of_no_pace_at_all_too(steps_ns: list[int], period_ns: int) -> None:
     host_ns = np.cumsum(steps_ns).astype(float)

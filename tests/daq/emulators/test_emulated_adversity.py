@@ -46,7 +46,7 @@ def test_a_full_packet_goes_at_once_and_the_timer_begins_again() -> None:
     assert timer.due_ns == 19 * MS
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 30 * MS), st.binary(min_size=1, max_size=70)), max_size=20))
 def test_no_byte_is_lost_or_held_longer_than_the_latency(pieces: list[tuple[int, bytes]]) -> None:
     timer, now_ns, out = LatencyTimer(16, 0), 0, b""

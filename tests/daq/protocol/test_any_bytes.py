@@ -171,7 +171,7 @@ def _outcome(begin: Callable[[], Script], pieces: Sequence[bytes]) -> tuple[byte
 
 
 @pytest.mark.parametrize("name", STREAMS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_the_cut_makes_no_difference(name: str, data: st.DataObject) -> None:
     begin, replies, most = STREAMS[name]
@@ -236,7 +236,7 @@ def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
 
 
 @pytest.mark.parametrize("name", SIDES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_no_bytes_raise_or_fill_the_memory(name: str, data: st.DataObject) -> None:
     begin, good = SIDES[name]

@@ -163,7 +163,7 @@ def _goes_on(state: State, world: World) -> None:
     assert point[0].recording == state.recording and not point[0].leaving
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(data=st.data())
 def test_long_sequences_of_events(data: st.DataObject) -> None:
     point = (State(), World())

@@ -206,5 +206,5 @@ def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch) 
     # private: a sync at every round
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     tried = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink a failure takes minutes, its steps are printed
-    few = settings(max_examples=100, stateful_step_count=40, deadline=None, phases=tried)
+    few = settings(max_examples=100, stateful_step_count=40, phases=tried)
     run_state_machine_as_test(Recordings, settings=few)

@@ -113,7 +113,7 @@ def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
             read_run(run)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(data=st.data())
 def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, data: st.DataObject) -> None:
     good = (whole / "ledger.jsonl").read_bytes()

@@ -231,7 +231,7 @@ JUNK = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
 @given(data=st.data())
 def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, data: st.DataObject) -> None:
     for name in ("manifest.json", "ledger.jsonl"):
