@@ -101,7 +101,7 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
 
     monkeypatch.setattr(Selection, "without", moving)
     monkeypatch.setattr(Selection, "gains", of_that_wave)
-    monkeypatch.setattr("analysis.diagnosis.rivals._DOUBT", np.inf)
+    monkeypatch.setattr("analysis.diagnosis.rivals._DOUBT", np.inf)  # private: every fault that helps is tried
     one = rival_odds(selection, state, 0)
     assert [name_of(tried.refined.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
     assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)

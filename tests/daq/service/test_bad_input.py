@@ -92,6 +92,7 @@ def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting
     assert bench.status()["streams"]["g1"]["counters"]["device_error"] > 0
 
 
+@pytest.mark.real_time(match="no answer within")
 def test_no_head_on_the_second_channel(tmp_path: Path) -> None:
     with Bench(tmp_path, rig_text("keyence")) as bench:
         bench.motion.mm["g2"] = OFF
