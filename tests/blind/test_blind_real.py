@@ -121,6 +121,21 @@ def test_the_truth_is_planted_and_the_healthy_share() -> None:
     assert plant(healthy, gear) == (gear, healthy)
 
 
+def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave() -> None:
+    planted, own, other = (
+        Fault("transmission_error", {"axis": 2}, size, {"order": order, "phase_deg": phase})
+        for size, order, phase in ((0.1, 16.0, 350.0), (0.005, 16.0, 100.0), (0.005, 7.0, 20.0))
+    )
+    whole, rest = plant([own, other], planted)
+    assert rest == [other] and whole.shape["order"] == 16.0
+
+    def at(angle: float, *waves: Fault) -> float:
+        return sum(one.size * np.sin(16 * angle + np.radians(one.shape["phase_deg"])) for one in waves)
+
+    for angle in np.linspace(0, 2, 9).tolist():
+        assert at(angle, whole) == pytest.approx(at(angle, planted, own), abs=1e-12)
+
+
 def test_faults_are_5_to_100_times_healthy_and_large_ones_8() -> None:
     for kind, least in (("one", 5), ("one_large", 8), ("off_grid", 5)):
         drawn = [drawn_fault(np.random.default_rng(seed), kind) for seed in range(100)]

@@ -18,8 +18,8 @@ LARGEST = {"gauge_inclination": 25.0}
 """Degrees: beyond, a gauge is not mounted in its holder any more."""
 OFF_GRID = ("backlash", "transmission_error", "compliance", "reversal_spike", "thermal_growth", "gauge_cyclic")
 """Effects whose shape can lie off any grid."""
-FREE_SHAPE = ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
-"""A planted one has an order or period of its own, so the healthy share of its name is another signal."""
+WAVES = ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
+"""Of these a healthy arm may have others of the same name, with orders, lobes or periods of their own."""
 
 
 def healthy_arm(level: float, rng: np.random.Generator) -> list[Fault]:
@@ -55,13 +55,22 @@ def _apart(effect: str, parts: int, rng: np.random.Generator) -> list[dict[str, 
 def plant(healthy: Sequence[Fault], fault: Fault) -> tuple[Fault, list[Fault]]:
     """The fault with the healthy share of its parameter in it, and the rest of the arm.
 
-    A gear's or a ball's healthy orders, a scale's cyclic error stay in the rest beside the planted one.
+    Two waves of one order are one wave: no reading can part them. Of any other order they stay in the rest.
     """
-    own = [other for other in healthy if other.name == fault.name]
-    if fault.effect in FREE_SHAPE or not own:
-        return fault, list(healthy)
-    rest = [other for other in healthy if other.name != fault.name]
-    return fault.sized(fault.size + own[0].size), rest
+    own = [other for other in healthy if other.name == fault.name and _without_phase(other) == _without_phase(fault)]
+    rest = [other for other in healthy if other not in own]
+    if fault.effect not in WAVES:
+        return fault.sized(fault.size + sum(other.size for other in own)), rest
+    if not own:
+        return fault, rest
+    whole = sum(one.size * np.exp(1j * np.radians(one.shape["phase_deg"])) for one in (fault, *own))
+    shape = {**fault.shape, "phase_deg": float(np.degrees(np.angle(whole))) % 360}
+    return replace(fault.sized(float(np.abs(whole))), shape=shape), rest
+
+
+def _without_phase(fault: Fault) -> dict[str, float]:
+    """The order, lobes, period or frequency of a wave; nothing of any other effect, which has one size."""
+    return {key: x for key, x in fault.shape.items() if key != "phase_deg"} if fault.effect in WAVES else {}
 
 
 def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
