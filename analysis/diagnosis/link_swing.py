@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.observed_run import GRID, ObservedRun
+from analysis.diagnosis.observed_run import GRID, STAMP_SCATTER, ObservedRun, Sampling
 from analysis.fitting.observation import residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -53,32 +53,44 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
     if len(f) < 2 or len(f) < 2 * _width(f):
         return None
-    over, squares, noise, count = np.zeros(len(f)), np.zeros(len(f)), [], len(left)
-    for one in left:
-        power, n = _power(one, f), len(one.t_s)
-        level = _noise_level(power, _width(f))
-        over += power / level
-        squares += 4 * (power - level) / n / one.share
-        noise.append(2 * float(np.median(level)) / n / one.share)
+    power = np.array([_power(one, f) for one in left])
+    level = np.array([_noise_level(one, _width(f)) for one in power])
+    over, count = np.sum(power / level, axis=0), len(left)
     k = int(np.argmax(over))
     # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
-    amplitude = float(np.sqrt(max(squares[k] / count, 0.0)))
+    share = np.array([one.share_of(float(f[k])) for one in left])
+    each = 1 / np.array([len(one.t_s) for one in left]) / share
+    amplitude = float(np.sqrt(max(np.mean(4 * (power - level)[:, k] * each), 0.0)))
     # The mean of n runs with independent phases contains 1/n ± √(1 - 1/n)/n of the power of a vibration.
-    phases = amplitude**2 * float(np.mean([0.25 * (1 - one.share) / one.share for one in left]))
-    sd = float(np.sqrt((np.mean(noise) + phases) / count))
+    phases = amplitude**2 * np.mean(0.25 * (1 - share) / share)
+    # Stamps that scatter by s make a wave of angular frequency w smaller by (w s)²/2.
+    scatter_s = [STAMP_SCATTER * np.median(np.diff(one.t_s)) for one in left]
+    lost = amplitude * (2 * np.pi * f[k] * np.mean(scatter_s)) ** 2 / 2
+    noise = np.mean(2 * np.median(level, axis=1) * each)
+    sd = float(np.sqrt((noise + phases) / count + lost**2))
     effect = vibration_at(float(f[k]), min(amplitude, 1.0))
     return FoundVibration(effect, min(amplitude, 1.0), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
 
 
 @dataclass(frozen=True)
 class _Deviation:
-    """The deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s (n,);
-    `share` is the share of a vibration's power that it contains."""
+    """The deviation left_mm (n,) of one run from the mean of its `count` repeats, averaged over the gauges, at times
+    t_s (n,)."""
 
     t_s: Array
     left_mm: Array
-    share: float
+    sampling: Sampling
+    count: int
+
+    def share_of(self, frequency_hz: float) -> float:
+        """Return the share of a vibration's power that the deviation contains, where each run has a phase of its own.
+
+        The mean over runs also averages laps and has a limited number of angles, so that it lacks quick vibrations.
+        """
+        wave = np.exp(2j * np.pi * frequency_hz * self.t_s)
+        taken = abs(np.mean(wave.conj() * _at_rows(self.sampling, self.sampling.gridded(wave)))) / self.count
+        return float((1 - taken) ** 2 + (self.count - 1) * taken**2)
 
 
 def _deviations(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[_Deviation]:
@@ -96,10 +108,16 @@ def _deviations(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> lis
         )
         for run, one in zip(group, left, strict=True):
             assert run.sampling is not None  # noqa: S101 - circles only
-            phi, rows = run.sampling.phi, run.one.rows[: len(run.sampling.phi)]
-            shared = np.interp(phi, 2 * np.pi * np.arange(GRID) / GRID, mean, period=2 * np.pi)
-            found.append(_Deviation(run.one.path.t_s[rows], one[: len(phi)] - shared, 1 - 1 / len(group)))
+            rows = run.one.rows[: len(run.sampling.phi)]
+            apart = one[: len(rows)] - _at_rows(run.sampling, mean)
+            found.append(_Deviation(run.one.path.t_s[rows], apart, run.sampling, len(group)))
     return found
+
+
+def _at_rows(sampling: Sampling, gridded: Array) -> Array:
+    """Return values at the grid (GRID,), in any unit, at the rows of the laps, (n,)."""
+    at: Array = np.interp(sampling.phi, 2 * np.pi * np.arange(GRID) / GRID, gridded, period=2 * np.pi)
+    return at
 
 
 def _width(f: Array) -> int:

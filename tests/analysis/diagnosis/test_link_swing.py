@@ -31,6 +31,14 @@ def test_a_planted_swing_is_found(frequency_hz: float, amplitude_mm: float) -> N
     assert found.effect.amplitude_mm == pytest.approx(amplitude_mm, abs=4 * found.sd["amplitude_mm"], rel=0.1)
 
 
+def test_the_mean_of_repeats_also_averages_laps() -> None:
+    """Two laps of a run meet a vibration at two phases, so the mean of three runs contains less than a third of it."""
+    phases = np.random.default_rng(3).uniform(0, 2 * np.pi, 6)
+    runs = [response(run, 12.05, 0.01, phase) for run, phase in zip(circles(count=3), phases, strict=True)]
+    found = _swing(runs)
+    assert found and found.effect.amplitude_mm == pytest.approx(0.01, rel=0.03)
+
+
 @pytest.mark.parametrize("seed", [1, 90])
 def test_noise_does_not_swing(seed: int) -> None:
     found = _swing(circles(seed=seed))
