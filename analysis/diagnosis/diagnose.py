@@ -64,7 +64,7 @@ def diagnose(
     )
     limits = limits_um(result.linear, tolerance_um)
     named = named_effects(result, runs, held_out_gains(result, judges), limits)
-    named += _vibrations(result, runs, limits, gaps.train)
+    named += _vibrations(result, runs, tolerance_um, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     early = early_readings(result)
     found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
@@ -86,10 +86,16 @@ class _Gaps:
     unseen: Gap | None
 
 
-def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], limits: Array, train: Gap) -> list[Named]:
-    """Return the vibration of the link as a name, if its worth exceeds a limit (b,) µm of a circle."""
-    circles = [block.sampling is not None for block in result.linear.blocks]
+def _vibrations(
+    result: SearchResult, runs: Sequence[ObservedRun], tolerance_um: float | None, train: Gap
+) -> list[Named]:
+    """Return the vibration of the link as a name, if its worth exceeds the tolerance, or else the scatter of a circle
+    without it, in µm."""
     found = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    if found is None:
+        return []
+    circles = [block.sampling is not None for block in result.linear.blocks]
+    limits = limits_um(result.linear, tolerance_um, found.scatter_um)
     return named_vibration(found, limits[circles], train.after_um)
 
 

@@ -74,10 +74,10 @@ def _rivals(own_odds: RivalOdds) -> tuple[Rival, ...]:
     return tuple(rival for rival in found if rival.posterior > 1e-4)
 
 
-def named_vibration(found: FoundVibration | None, limits: Array, gap_um: float) -> list[Named]:
+def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
     """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
     at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
-    if found is None or found.gain < np.log(ODDS):
+    if found.gain < np.log(ODDS):
         return []
     moves = Worth(np.full(len(limits), 1e3 * found.amplitude_mm / np.sqrt(2)))
     if not moves.is_material(limits):

@@ -42,12 +42,12 @@ def plain_worth(linear: Linearisation, change: Array) -> Worth:
     return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(linear: Linearisation, tolerance_um: float | None) -> Array:
-    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of
-    one run."""
+def limits_um(linear: Linearisation, tolerance_um: float | None, own_um: float = 0.0) -> Array:
+    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
+    without `own_um`, the part of it that the name makes."""
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    return np.maximum(scatter_um(linear), LEAST_MATERIAL_UM)
+    return np.sqrt(np.maximum(scatter_um(linear) ** 2 - own_um**2, LEAST_MATERIAL_UM**2))
 
 
 def scatter_um(linear: Linearisation) -> Array:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.verdict import named_vibration
+from analysis.diagnosis.worth import scatter_um
 from analysis.traces.loading import Measured
 from rigs.effects import swing as vibration_at
 from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
@@ -37,6 +40,23 @@ def test_the_mean_of_repeats_also_averages_laps() -> None:
     runs = [response(run, 12.05, 0.01, phase) for run, phase in zip(circles(count=3), phases, strict=True)]
     found = _swing(runs)
     assert found and found.effect.amplitude_mm == pytest.approx(0.01, rel=0.03)
+
+
+@pytest.mark.parametrize("frequency_hz", [3.7, 5.2, 9.1])
+def test_a_vibration_states_what_it_adds_to_the_scatter_of_runs(frequency_hz: float) -> None:
+    """The laps of a run are averaged, which takes a part of it; the scatter of the runs shows what is left."""
+    rng = np.random.default_rng(8)
+    runs = [response(run, frequency_hz, 0.03, rng.uniform(0, 2 * np.pi)) for run in circles(count=12)]
+    shown = _scatter_um(runs) ** 2 - _scatter_um(circles(count=12)) ** 2
+    found = _swing(runs)
+    assert found and found.scatter_um**2 == pytest.approx(shown, rel=0.35)
+    assert found.scatter_um < 0.95 * 30 / np.sqrt(2), "the test shows something"
+
+
+def _scatter_um(runs: list[Measured]) -> float:
+    them = seen(runs)
+    setups, _ = fit_run_setups(them)
+    return float(scatter_um(linearise(blocks_of(them, setups), setups))[0])
 
 
 @pytest.mark.parametrize("seed", [1, 90])

@@ -31,6 +31,12 @@ def test_the_scatter_of_a_run_is_what_its_repeats_show(um: float) -> None:
     np.testing.assert_allclose(limits_um(_with_apart(um), 7.0), 7.0)
 
 
+def test_the_limit_of_a_name_is_the_scatter_that_others_make() -> None:
+    np.testing.assert_allclose(limits_um(_with_apart(50.0), None, 40.0), 30.0, rtol=0.08)
+    np.testing.assert_allclose(limits_um(_with_apart(50.0), None, 60.0), LEAST_MATERIAL_UM)
+    np.testing.assert_allclose(limits_um(_with_apart(50.0), 7.0, 40.0), 7.0)
+
+
 def test_both_directions_of_a_set_up_have_one_limit() -> None:
     found = scatter_um(healthy())
     assert found[0] == pytest.approx(found[1]) and found[0] > 0
