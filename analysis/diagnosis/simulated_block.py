@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.blocks import Block, entries
+from analysis.diagnosis.observed_run import STAMP_SCATTER
 from analysis.diagnosis.recent import recent
 from analysis.fitting.observation import predicted_in_scene
 from analysis.fitting.setups import moved_setup, terms_of
@@ -137,6 +138,19 @@ class SimulatedBlock:
         now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
         change = np.stack([self.at_readings(one - now) for one in later], axis=2)
         return self.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
+
+    def scattered(self, effect: Effect) -> Array:
+        """Return the change (N, 1) of the whitened readings of a circle if the errors of joints that an effect makes
+        are on average those of a moment earlier and a moment later, as with stamps that scatter; zero at targets."""
+        if not self.block.sampling:
+            return np.zeros((len(self.block.y_mm), 1))
+        early = _early((*self.block.model.effects, *self.known))
+        joints, now = self._joints(early), self._error(early, effect)
+        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self._rows])))
+        moved = [joints.taken_at(joints.t_s + shift_s) for shift_s in (-moment_s, moment_s)]
+        earlier, later = (apply([effect], "joint", one).link_q - one.link_q for one in moved)
+        change = self.at_readings((earlier + later) / 2 - now)
+        return self.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""

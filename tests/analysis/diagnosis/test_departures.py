@@ -29,8 +29,8 @@ from rigs.effects import (
 from rigs.schema.play import play
 from tests.support.diagnosis_cells import Array, circles, healthy, measured, seen, table_of
 
-LATE = 2
-"""Columns of a joint's effect that comes later: stamps may be late, or ever later."""
+LATE = 3
+"""Columns of a joint's effect that comes at another time: stamps may be late, or ever later, or scatter."""
 GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
 
 
@@ -120,11 +120,33 @@ def test_an_effect_of_a_joint_may_come_later_as_everything_does_by_late_stamps(e
     together, alone, stamps, none = (linear.residual(each) for each in ([effect, late], [effect], [late], []))
     beyond = together - alone - stamps + none
     found = linear.late(effect)
-    assert found.shape == (len(linear.y), LATE) and np.linalg.norm(beyond) > 10, "the test shows something"
+    assert found.shape == (len(linear.y), 2) and np.linalg.norm(beyond) > 10, "the test shows something"
     # Late stamps turn the link too, and with it the direction in which the error shows.
     assert _leaves(found, beyond) < 0.2
     weights, *_ = np.linalg.lstsq(found, -beyond, rcond=None)
     assert sorted(weights) == pytest.approx([0.0, 1.0], abs=0.02), "a healthy lag, and no rate"
+
+
+def test_stamps_that_scatter_make_a_quick_wave_smaller() -> None:
+    """The mean over many laps of a wave read at instants that scatter, against the column for the scatter."""
+    linear, rng = healthy(), np.random.default_rng(7)
+
+    def wave(q: Array) -> Array:
+        turned: Array = np.radians(0.02) * np.sin(120 * q)
+        return turned
+
+    def lost(block: Block) -> Array:
+        t, q = block.one.path.t_s, block.one.path.q[:, 0]
+        scatter = rng.normal(0.0, np.median(np.diff(t)) / 4, (200, len(t)))
+        mean: Array = np.mean([wave(np.interp(t + one, t, q)) for one in scatter], axis=0)
+        return (mean - wave(q))[:, None]
+
+    gear = TransmissionError(axis=1, order=120, amplitude_deg=0.02)
+    found, wanted = linear.scattered(gear), linear.by_joint(1, lost)[:, 0]
+    (weight,), *_ = np.linalg.lstsq(found, wanted, rcond=None)
+    assert np.linalg.norm(wanted) > 10, "the test shows something"
+    assert weight == pytest.approx(1.0, abs=0.1)
+    assert _leaves(departure_columns(linear, gear), found[:, 0]) < 1e-6
 
 
 def test_at_targets_nothing_comes_later() -> None:
