@@ -11,7 +11,7 @@ from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same
-from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
+from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
 
@@ -40,6 +40,20 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
     one = rival_odds(selection, state, place)
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
+
+
+def test_a_fault_whose_shape_is_a_local_optimum_is_fitted_again() -> None:
+    truth = ReversalSpike(axis=2, amplitude_deg=0.3, decay_s=0.18, slow=0.05, rise=0.03)
+    selection = Selection(holding(healthy(), white(healthy(), 12) + shown_by(healthy(), [truth])), healthy_columns())
+    begun = ReversalSpike(axis=2, amplitude_deg=0.45, decay_s=0.05, slow=0.8, rise=0.15)
+    state = selection.initial_state((begun,))
+    (held,) = state.refined.effects
+    assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
+    again = selection.fitted_again(state)
+    (found,) = again.refined.effects
+    assert selection.evidence(again) > selection.evidence(state) + 100
+    assert getattr(found, "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
+    assert getattr(found, "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
 
 
 def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
