@@ -215,6 +215,11 @@ class Linearisation:
         later as each of c effects of the stamps has everything, at its healthy size."""
         return np.concatenate([one.late(effect) for one in self.simulated])
 
+    def scattered(self, effect: Effect) -> Array:
+        """Return the change (N, 1) of the whitened readings if the errors of joints that an effect makes are on average
+        those of stamps that scatter."""
+        return np.concatenate([one.scattered(effect) for one in self.simulated])
+
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
         the samples of each circle's path, and zero for other tests."""

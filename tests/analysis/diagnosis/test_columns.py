@@ -12,7 +12,8 @@ from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.hyperparameters import Hyperparameters
 from analysis.diagnosis.selection import Selection
-from rigs.effects import Backlash, ServoLag
+from analysis.diagnosis.selection_state import order_of
+from rigs.effects import Backlash, ServoLag, TransmissionError
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
 
 MEAN = np.sqrt(2 / np.pi)
@@ -36,6 +37,30 @@ def test_any_other_size_is_about_zero(name: str) -> None:
     columns = healthy_columns()
     assert not _of(name, columns.mean(2.0)).any()
     assert _of(name, columns.variance(2.0)).sum() == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("axis", [1, 4])
+def test_every_octave_of_a_gears_orders_is_equally_likely(axis: int) -> None:
+    """A joint that turns far has a form for every order, and one that turns little has a few."""
+    columns = healthy_columns()
+    forms = [form for form in columns.forms if form.name == f"transmission_error {axis}"]
+    orders = np.array([order_of(form.effects[0]) for form in forms])
+    share = np.array([columns.variance(1.0)[list(form.columns)].sum() for form in forms])
+    octaves = np.array([share[(orders > low) & (orders <= 2 * low)].sum() for low in (4, 16, 50)])
+    assert octaves == pytest.approx(np.full(3, octaves.mean()), rel=0.25)
+    assert share.sum() == pytest.approx(1.0)
+
+
+def test_a_wave_of_another_order_may_be_beside_a_named_one() -> None:
+    selection = Selection(healthy(), healthy_columns())
+    backgrounds, state = Backgrounds(healthy_columns()), replace(selection.initial_state(), level=1.0)
+    orders = [order_of(form.effects[0]) for form in healthy_columns().forms if form.name == "transmission_error 1"]
+    same, other = orders[14], orders[15]
+    assert 0.5 < other - same < 0.15 * same, "they count as one wave where names are compared"
+    wave = TransmissionError(axis=1, order=same + 0.3, amplitude_deg=0.1)
+    named = replace(state, refined=replace(state.refined, effects=(wave,)))
+    left = _of("transmission_error 1", backgrounds.of(named).variance).reshape(-1, 2).any(axis=1)
+    assert [order for order, there in zip(orders, left, strict=True) if not there] == [same]
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3])
