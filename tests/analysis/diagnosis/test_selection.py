@@ -44,13 +44,16 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
 
 def test_a_fault_whose_shape_is_a_local_optimum_is_fitted_again() -> None:
     truth = ReversalSpike(axis=2, amplitude_deg=0.3, decay_s=0.18, slow=0.05, rise=0.03)
-    selection = Selection(holding(healthy(), white(healthy(), 12) + shown_by(healthy(), [truth])), healthy_columns())
+    off = [JointOffset(axis=axis, offset_deg=0.2) for axis in (2, 3)]
+    shown = shown_by(healthy(), [truth, *off])
+    selection = Selection(holding(healthy(), white(healthy(), 12) + shown), healthy_columns())
     begun = ReversalSpike(axis=2, amplitude_deg=0.45, decay_s=0.05, slow=0.8, rise=0.15)
-    state = selection.initial_state((begun,))
-    (held,) = state.refined.effects
+    state = selection.initial_state((JointOffset(axis=3, offset_deg=0.2), begun, JointOffset(axis=2, offset_deg=0.2)))
+    held = _found(state)["reversal_spike 2"]
     assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
     again = selection.fitted_again(state)
-    (found,) = again.refined.effects
+    found = _found(again)["reversal_spike 2"]
+    assert set(_found(again)) == set(_found(state))
     assert selection.evidence(again) > selection.evidence(state) + 100
     assert getattr(found, "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
     assert getattr(found, "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
