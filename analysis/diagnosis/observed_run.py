@@ -30,8 +30,8 @@ ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arang
 """The order of each entry of a circle's vector: first those of the sum of the gauges, then those of their difference.
 """
 STAMP_SCATTER = 0.25
-"""Standard deviation by which stamps may scatter, as a share of the time between readings. Chosen: with more than a
-quarter, readings would pass each other now and then."""
+"""Standard deviation by which stamps may scatter, as a share of the time between readings. Chosen: with a quarter, one
+reading in 400 passes the next."""
 _ROWS = 2 * GRID
 """Rows per lap that are sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDS = 0.02

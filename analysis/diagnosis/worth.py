@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -42,12 +44,15 @@ def plain_worth(linear: Linearisation, change: Array) -> Worth:
     return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(linear: Linearisation, tolerance_um: float | None, own_um: float = 0.0) -> Array:
+def limits_um(
+    linear: Linearisation, tolerance_um: float | None, own_um: Mapping[str, float] = MappingProxyType({})
+) -> Array:
     """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
-    without `own_um`, the part of it that the name makes."""
+    without `own_um`, the part that the name makes in each set-up."""
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    return np.sqrt(np.maximum(scatter_um(linear) ** 2 - own_um**2, LEAST_MATERIAL_UM**2))
+    own = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
+    return np.asarray(np.sqrt(np.maximum(scatter_um(linear) ** 2 - own**2, LEAST_MATERIAL_UM**2)), dtype=float)
 
 
 def scatter_um(linear: Linearisation) -> Array:

@@ -32,9 +32,12 @@ def test_the_scatter_of_a_run_is_what_its_repeats_show(um: float) -> None:
 
 
 def test_the_limit_of_a_name_is_the_scatter_that_others_make() -> None:
-    np.testing.assert_allclose(limits_um(_with_apart(50.0), None, 40.0), 30.0, rtol=0.08)
-    np.testing.assert_allclose(limits_um(_with_apart(50.0), None, 60.0), LEAST_MATERIAL_UM)
-    np.testing.assert_allclose(limits_um(_with_apart(50.0), 7.0, 40.0), 7.0)
+    linear = _with_apart(50.0)
+    setup = linear.blocks[0].one.setup
+    np.testing.assert_allclose(limits_um(linear, None, {setup: 40.0}), 30.0, rtol=0.08)
+    np.testing.assert_allclose(limits_um(linear, None, {setup: 60.0}), LEAST_MATERIAL_UM)
+    np.testing.assert_allclose(limits_um(linear, None, {"another": 40.0}), 50.0, rtol=0.05)
+    np.testing.assert_allclose(limits_um(linear, 7.0, {setup: 40.0}), 7.0)
 
 
 def test_both_directions_of_a_set_up_have_one_limit() -> None:
