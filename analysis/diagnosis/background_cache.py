@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from analysis.diagnosis.background import Background
-from analysis.diagnosis.columns import Columns, Form
+from analysis.diagnosis.columns import Columns, order_of, shares_beside
 from analysis.diagnosis.recent import recent
-from analysis.diagnosis.selection_state import SelectionState, is_same, order_of
+from analysis.diagnosis.selection_state import SelectionState
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
 
 _KEPT = 12
 """Number of backgrounds that are cached, at some 8 MB each: about as many as one round of a search returns to."""
-_SAME_ORDER = 0.5
-"""Largest difference of the orders of one wave. Chosen: numbers of teeth are whole, so most orders are whole too."""
 _GRAMS = 4
 """Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
 
@@ -28,34 +28,26 @@ class Backgrounds:
     columns: Columns
     _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
     _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
-    _alike: dict[tuple[str, str], list[int]] = field(default_factory=dict, init=False, repr=False)
+    _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, state: SelectionState) -> Background:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level), columns.mean(state.level)
         for effect in state.refined.effects:
-            alike = self._columns_alike(effect)
-            variance[alike] = mean[alike] = 0.0
+            share = self._shares_beside(effect)
+            variance, mean = share * variance, share * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
         gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
         return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
 
-    def _columns_alike(self, effect: Effect) -> list[int]:
-        """Return the columns of all forms of an effect's name, of a wave those of its order.
-
-        A healthy gear may have another wave beside it, which a joint that turns little hardly separates: without it,
-        the size of a wave of order 16 was 5 % too large beside one of order 20, 4 times its uncertainty.
-        """
+    def _shares_beside(self, effect: Effect) -> Array:
+        """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""
         key = (name_of(effect), str(order_of(effect)))
-        if key not in self._alike:
-            forms = [form for form in self.columns.forms if is_same(form, effect) and not _is_apart(form, effect)]
-            self._alike[key] = [column for form in forms for column in form.columns]
-        return self._alike[key]
-
-
-def _is_apart(form: Form, effect: Effect) -> bool:
-    """Return whether a form is a wave of another order than an effect."""
-    return abs(order_of(form.effects[0]) - order_of(effect)) > _SAME_ORDER
+        if key not in self._shares:
+            forms, count = self.columns.forms, len(self.columns.healthy)
+            shares = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
+            self._shares[key] = np.concatenate([shares, np.ones(count - len(shares))])
+        return self._shares[key]

@@ -151,7 +151,7 @@ def _fading_columns(linear: Linearisation, effect: Effect) -> Array:
 
 def _late_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return columns (N, c), c ≤ 3, for an effect that comes as much later as the stamps of healthy clocks have it, and
-    for what the scatter of stamps takes of it.
+    for how much smaller stamps that scatter make it.
 
     What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
     2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which

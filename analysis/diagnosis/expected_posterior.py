@@ -101,11 +101,8 @@ class ExpectedPosterior:
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
 
     def _background_without(self, effects: Sequence[Effect]) -> Background:
-        """Return the background without all forms of the names of the effects."""
-        variance = self._variance.copy()
-        for effect in effects:
-            variance[self._known.columns_of_name(effect)] = 0.0
-        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
+        """Return the background beside named effects."""
+        return background_of(self._columns, np.ones(len(self.linear.y)), self._known.variance_beside(effects))
 
     def _fitted_sd(self, effect: Effect, size: float) -> float:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its

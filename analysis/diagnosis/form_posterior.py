@@ -10,12 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.columns import LARGEST_FAULT, Form
+from analysis.diagnosis.columns import LARGEST_FAULT, Form, shares_beside
 from analysis.diagnosis.diagnosis import ODDS
-from analysis.diagnosis.selection_state import is_same
 from analysis.kinematics.arm import Array, Integers
 from rigs.effects import Effect
-from rigs.schema.effect import name_of
 
 DETECTABLE = 7.0
 """Size in sigmas at and above which an effect counts as detected. Chosen: 7 sigma are a log evidence of 24.5, well
@@ -49,17 +47,14 @@ class FormPosterior:
         """The index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
-    @cached_property
-    def _of_name(self) -> dict[str, list[int]]:
-        found: dict[str, list[int]] = {}
-        for k, form in enumerate(self.forms):
-            found.setdefault(form.name, []).append(k)
-        return found
-
-    def columns_of_name(self, effect: Effect) -> list[int]:
-        """Return the indices of the columns that are forms of the effect's name."""
-        own = [k for k in self._of_name.get(name_of(effect), ()) if is_same(self.forms[k], effect)]
-        return [column for k in own for column in self.forms[k].columns]
+    def variance_beside(self, effects: Sequence[Effect]) -> Array:
+        """Return the prior variance (p,) of all coefficients beside named effects; what follows the forms is
+        unchanged."""
+        width = [len(form.columns) for form in self.forms]
+        variance = self.variance.copy()
+        for effect in effects:
+            variance[: sum(width)] *= np.repeat(shares_beside(self.forms, effect), width)
+        return variance
 
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
@@ -67,8 +62,11 @@ class FormPosterior:
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
-        known = np.linalg.eigvalsh(self._cavity(self.columns_of_name(candidate.effect), self.forms[k].columns))
-        return float(np.sqrt(np.mean(1 / np.maximum(known, 1e-12))))
+        shares = shares_beside(self.forms, candidate.effect)
+        taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
+        own = list(self.forms[k].columns)
+        known = np.linalg.eigvalsh(self._cavity(taken, own))
+        return float(np.sqrt(np.mean(1 / np.maximum(known, 1e-12) + shares[k] * self.variance[own])))
 
     def _cavity(self, columns: Sequence[int], asked: Sequence[int]) -> Array:
         """Return the precision (q, q) that the readings give the columns `asked`, which are among `columns`, beside

@@ -18,12 +18,12 @@ import numpy as np
 
 from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.background_cache import Backgrounds
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes, order_of
 from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, is_same
+from analysis.diagnosis.selection_state import SelectionState, is_same, is_twice
 from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
@@ -209,8 +209,8 @@ class Selection:
         return None
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
-        """Return the approximate log evidence of an effect over an equal share of a healthy arm, from the cavity of its
-        size."""
+        """Return the approximate log evidence of an effect over the share of a healthy arm in its form, from the cavity
+        of its size."""
         refined = state.refined
         effect = refined.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
@@ -218,10 +218,18 @@ class Selection:
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
         seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
         among = self.columns.among[name_of(effect)] or 1
-        share = cavity_evidence(values, seen, state.level**2 / among)
+        share = cavity_evidence(values, seen, state.level**2 * self._likelihood(effect))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
         healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
         return float(max(fault, healthy_one)) - float(np.log(among))
+
+    def _likelihood(self, effect: Effect) -> float:
+        """Return how likely the form nearest to an effect is among those of its name in a healthy arm."""
+        own = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
+        if not own:
+            return 1.0
+        apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in own])
+        return float(self.columns.likelihoods[own[int(np.argmin(apart))]])
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
@@ -265,7 +273,11 @@ class Selection:
         most, changed = 0.0, None
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
-            rise, changed = self._likeliest([self.with_form(state, posterior, k) for k in best])
+            tried = {k: self.with_form(state, posterior, k) for k in best}
+            if twice := frozenset(k for k, one in tried.items() if is_twice(one.refined.effects)):
+                state = replace(state, refused=state.refused | twice)
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
+            rise, changed = self._likeliest(list(tried.values()))
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:

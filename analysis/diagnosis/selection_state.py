@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.columns import Form
+from analysis.diagnosis.columns import Form, order_of
 from analysis.diagnosis.free_forms import FittedFreeForm
 from analysis.diagnosis.refine import Refined
 from analysis.kinematics.arm import Array
@@ -20,6 +20,9 @@ lower in an arm with a level below 1."""
 _NEAR_ORDER = 1.15
 """Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
 slow joint."""
+_SAME_ORDER = 0.5
+"""Difference of the orders of one gear below which they are one wave. Chosen: most orders are whole, as numbers of
+teeth are."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,11 @@ class SelectionState:
 
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms of this level, show."""
-        return abs(size_of(self.refined.effects[place])) > FAULT * min(self.level, 1.0)
+        return bool(self.faults_among(self.refined.effects[place : place + 1]))
+
+    def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that are larger than healthy arms, and arms of this level, show."""
+        return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
@@ -71,6 +78,7 @@ def is_alike(one: Effect, effect: Effect) -> bool:
     return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
 
 
-def order_of(effect: Effect) -> float:
-    """Return the order of a gear's wave, and NaN for every other effect."""
-    return float(getattr(effect, "order", np.nan))
+def is_twice(effects: Sequence[Effect]) -> bool:
+    """Return whether the last of some effects is the wave of one before it: of the same name and order."""
+    *others, last = effects
+    return any(name_of(one) == name_of(last) and abs(order_of(one) - order_of(last)) < _SAME_ORDER for one in others)

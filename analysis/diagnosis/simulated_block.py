@@ -49,6 +49,7 @@ class SimulatedBlock:
     setup: SetUp
     _scenes: dict[tuple[Effect, ...], Scene] = field(default_factory=dict, init=False, repr=False)
     _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
+    _moved: dict[tuple[Effect, ...], tuple[Scene, Scene]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def scene(self) -> Scene:
@@ -145,12 +146,16 @@ class SimulatedBlock:
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.known))
-        joints, now = self._joints(early), self._error(early, effect)
-        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self._rows])))
-        moved = [joints.taken_at(joints.t_s + shift_s) for shift_s in (-moment_s, moment_s)]
+        moved = recent(self._moved, early, lambda: self._moment_apart(self._joints(early)), _SCENES)
         earlier, later = (apply([effect], "joint", one).link_q - one.link_q for one in moved)
+        now = self._error(early, effect)
         change = self.at_readings((earlier + later) / 2 - now)
         return self.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
+
+    def _moment_apart(self, joints: Scene) -> tuple[Scene, Scene]:
+        """Return a scene before joints have errors as it was a moment earlier, and as it will be a moment later."""
+        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self._rows])))
+        return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""

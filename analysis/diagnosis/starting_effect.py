@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.background import Posterior
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, order_of
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.selection_state import FAULT, combined_effect, is_same, order_of
+from analysis.diagnosis.selection_state import FAULT, combined_effect, is_same
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import healthy, identity, is_play, scaled

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.linearisation import Linearisation, linearise
-from analysis.diagnosis.search import search
-from rigs.effects import Effect, LinkGeometry, TransmissionError
+from analysis.diagnosis.search import is_about, search
+from analysis.diagnosis.selection import Selection
+from rigs.effects import Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.schema.effect import name_of
-from tests.support.diagnosis_cells import Array, circles, seen
+from tests.support.diagnosis_cells import Array, circles, healthy, healthy_columns, seen
 
 SELECTING = "selecting effects"
 
@@ -30,6 +33,24 @@ def test_columns_contain_what_the_faults_change() -> None:
     without = linearise(blocks_of(runs, result.linear.setups), result.linear.setups)
     longer = LinkGeometry(axis=5, field="a", delta=0.2)
     assert _missed(result.linear, longer, effects) < 0.1 * _missed(without, longer, effects)
+
+
+def test_columns_hold_for_faults_that_hardly_changed() -> None:
+    """The healthy effects beside them do not count, and neither does their order in the list."""
+    gear = TransmissionError(axis=4, order=116, amplitude_deg=0.3, phase_deg=60)
+    length, small = LinkGeometry(axis=2, field="a", delta=2.0), LinkGeometry(axis=3, field="a", delta=0.3)
+    selection = Selection(healthy(), healthy_columns())
+    state = selection.initial_state()
+    state = replace(state, level=1.0, refined=replace(state.refined, effects=(gear, small, length)))
+    moves = np.zeros(healthy().U.shape[1])
+
+    def holds(*known: Effect) -> bool:
+        return is_about(healthy(), known, state, moves)
+
+    assert holds(length, gear.model_copy(update={"amplitude_deg": 0.301}))
+    assert not holds(gear.model_copy(update={"order": 20.0}), length)
+    assert not holds(gear) and not holds() and not holds(gear, length, JointOffset(axis=5, offset_deg=1.0))
+    assert not is_about(healthy(), (gear, length), state, moves + 1.0), "set-ups that move by a millimetre"
 
 
 def _missed(linear: Linearisation, effect: Effect, faults: tuple[Effect, ...]) -> float:

@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same
+from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same, is_twice
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
@@ -42,21 +42,27 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
 
 
-def test_a_fault_whose_shape_is_a_local_optimum_is_fitted_again() -> None:
-    truth = ReversalSpike(axis=2, amplitude_deg=0.3, decay_s=0.18, slow=0.05, rise=0.03)
-    off = [JointOffset(axis=axis, offset_deg=0.2) for axis in (2, 3)]
-    shown = shown_by(healthy(), [truth, *off])
-    selection = Selection(holding(healthy(), white(healthy(), 12) + shown), healthy_columns())
-    begun = ReversalSpike(axis=2, amplitude_deg=0.45, decay_s=0.05, slow=0.8, rise=0.15)
-    state = selection.initial_state((JointOffset(axis=3, offset_deg=0.2), begun, JointOffset(axis=2, offset_deg=0.2)))
-    held = _found(state)["reversal_spike 2"]
-    assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
+def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:
+    """Two in a row, of which the first moves to the end when it is fitted again."""
+    truths = [ReversalSpike(axis=axis, amplitude_deg=0.3, decay_s=0.18, slow=0.05, rise=0.03) for axis in (2, 3)]
+    selection = Selection(holding(healthy(), white(healthy(), 12) + shown_by(healthy(), truths)), healthy_columns())
+    begun = [ReversalSpike(axis=axis, amplitude_deg=0.45, decay_s=0.05, slow=0.8, rise=0.15) for axis in (2, 3)]
+    state = selection.initial_state(begun)
     again = selection.fitted_again(state)
-    found = _found(again)["reversal_spike 2"]
-    assert set(_found(again)) == set(_found(state))
+    assert set(_found(again)) == set(_found(state)) == {"reversal_spike 2", "reversal_spike 3"}
     assert selection.evidence(again) > selection.evidence(state) + 100
-    assert getattr(found, "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
-    assert getattr(found, "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
+    for name, held in _found(state).items():
+        assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
+        assert getattr(_found(again)[name], "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
+        assert getattr(_found(again)[name], "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
+
+
+def test_an_effect_is_twice_there_where_its_name_and_order_are() -> None:
+    wave = TransmissionError(axis=1, order=30.0, amplitude_deg=0.01)
+    near, far = (wave.model_copy(update={"order": order}) for order in (30.4, 31.0))
+    other = TransmissionError(axis=2, order=30.0, amplitude_deg=0.01)
+    assert is_twice([wave, other, near]) and not is_twice([wave, other, far]) and not is_twice([wave, other])
+    assert not is_twice([wave]) and not is_twice([JointOffset(axis=1, offset_deg=0.1), wave])
 
 
 def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
