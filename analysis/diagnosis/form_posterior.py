@@ -48,8 +48,8 @@ class FormPosterior:
         return {form.effects: k for k, form in enumerate(self.forms)}
 
     def variance_beside(self, effects: Sequence[Effect]) -> Array:
-        """Return the prior variance (p,) of all coefficients beside named effects; what follows the forms is
-        unchanged."""
+        """Return the prior variance (p,) of all coefficients, in healthy sizes squared, beside named effects; what
+        follows the forms is unchanged."""
         width = [len(form.columns) for form in self.forms]
         variance = self.variance.copy()
         for effect in effects:

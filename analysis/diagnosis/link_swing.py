@@ -110,7 +110,7 @@ class _Deviation:
         return np.asarray(self.left_mm - slow, dtype=float)
 
     def waves(self, frequency_hz: float) -> Array:
-        """Return the cosine and the sine (n, 2) of a vibration."""
+        """Return the cosine and the sine (n, 2) of a vibration of 1 mm at the readings, in mm."""
         turn = 2 * np.pi * frequency_hz * self.t_s
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 

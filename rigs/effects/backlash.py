@@ -2,7 +2,8 @@
 
 `transit` spreads the crossing, as several plays of different width side by side would (Prandtl and Ishlinskii).
 `preload` is the share of the play in which gravity, and not friction, holds a flank: there the link lies where the
-torque presses it, and no reversal shows.
+torque presses it, and no reversal shows. A joint that gravity does not load, as that of a vertical axis, shows the
+whole play.
 """
 
 from __future__ import annotations
@@ -63,8 +64,8 @@ class Backlash(Effect):
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
         deviation = np.mean(plays(q, widths), axis=0) - q
         if self.preload:
-            pressed = half * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
-            deviation = (1 - self.preload) * deviation + self.preload * pressed
+            held = self.preload * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
+            deviation = (1 - np.abs(held)) * deviation + held * half
         return scene.turned(self.axis, deviation)
 
     @classmethod

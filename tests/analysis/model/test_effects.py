@@ -132,6 +132,16 @@ def test_gravity_holds_a_flank_and_no_reversal_shows() -> None:
     assert np.ptp(held) < 1e-3
 
 
+def test_a_vertical_joint_shows_its_whole_play() -> None:
+    q = np.zeros((len(UP_AND_DOWN), 6))
+    q[:, 0] = UP_AND_DOWN
+    scene = _scene(model_of(RIG, []), q, np.arange(len(q)) * 0.01)
+    plays = [Backlash(axis=1, width_deg=0.1, preload=share) for share in (0.0, 0.5)]
+    free, held = (np.degrees(apply([one], "joint", scene).link_q - q)[:, 0] for one in plays)
+    np.testing.assert_allclose(held, free, atol=1e-6)
+    assert np.ptp(free) == pytest.approx(0.1)
+
+
 def test_play_is_the_operator_sample_by_sample() -> None:
     x = np.cumsum(np.random.default_rng(3).normal(0, 1e-3, 3000))
     y = [x[0]]

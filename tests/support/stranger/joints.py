@@ -54,12 +54,13 @@ def joint_offset(fault: Fault, trace: Trace) -> Array:
 
 
 def backlash(fault: Fault, trace: Trace) -> Array:
-    """A play, rounded; where gravity holds the flank (preload) that share of it shows no reversal."""
+    """A play, rounded; where gravity loads the joint and holds the flank, that share of it shows no reversal."""
     axis = int(fault.keys["axis"]) - 1
     half = np.radians(fault.size) / 2
     lag = lagging(trace.q[:, axis], half, fault.rough, fault.begin)
-    held = fault.shape.get("preload", 0.0)
-    return (1 - held) * lag + held * half * np.tanh(trace.torque[:, axis]) if held else lag
+    held = fault.shape.get("preload", 0.0) * np.tanh(trace.torque[:, axis])
+    lagged: Array = (1 - np.abs(held)) * lag + held * half
+    return lagged
 
 
 def transmission_error(fault: Fault, trace: Trace) -> Array:
