@@ -14,7 +14,10 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "ipa-ur10"
 BIN = Path(sys.executable).parent
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here")
+pytestmark = [
+    pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here"),
+    pytest.mark.timeout(600),
+]
 
 
 @pytest.fixture(scope="module")
