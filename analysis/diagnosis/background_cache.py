@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from analysis.diagnosis.background import Background
-from analysis.diagnosis.columns import Columns, order_of, shares_beside
+from analysis.diagnosis.columns import Columns, column_shares_beside, order_of
 from analysis.diagnosis.recent import recent
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.kinematics.arm import Array
@@ -47,7 +45,5 @@ class Backgrounds:
         """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""
         key = (name_of(effect), str(order_of(effect)))
         if key not in self._shares:
-            forms, count = self.columns.forms, len(self.columns.healthy)
-            shares = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
-            self._shares[key] = np.concatenate([shares, np.ones(count - len(shares))])
+            self._shares[key] = column_shares_beside(self.columns.forms, effect, len(self.columns.healthy))
         return self._shares[key]

@@ -226,6 +226,14 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     return keeps
 
 
+def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
+    """Return the same for each of `count` columns (p,), of which those after the forms keep everything."""
+    shares = np.ones(count)
+    own = np.repeat(shares_beside(forms, effect), [len(one.columns) for one in forms])
+    shares[: len(own)] = own
+    return shares
+
+
 def order_of(effect: Effect) -> float:
     """Return the order of a gear's wave, and NaN for every other effect."""
     return float(getattr(effect, "order", np.nan))

@@ -81,7 +81,7 @@ class ExpectedPosterior:
         """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
         one effect, or as two where the phase is free."""
         T = self._at_size([*ones, *others])
-        own = self._background_without((ones[0], others[0])).weighed(T)
+        own = self._background_beside((ones[0], others[0])).weighed(T)
         H = own.products(own)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(other) / LARGEST_FAULT) ** 2 for other in others])
@@ -100,7 +100,7 @@ class ExpectedPosterior:
         nearest_first = pairs[close[np.argsort(sigma[close])]].tolist()
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
 
-    def _background_without(self, effects: Sequence[Effect]) -> Background:
+    def _background_beside(self, effects: Sequence[Effect]) -> Background:
         """Return the background beside named effects."""
         return background_of(self._columns, np.ones(len(self.linear.y)), self._known.variance_beside(effects))
 
@@ -108,7 +108,7 @@ class ExpectedPosterior:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its
         shapes."""
         fault = scaled(healthy(effect), size, **{free.field: free.expected for free in effect.FREE})
-        found = refine(self.linear.simulated_with((fault,)), self._background_without((fault,)), [fault])
+        found = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
         return found.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def _at_size(self, effects: Sequence[Effect]) -> Array:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.columns import LARGEST_FAULT, Form, shares_beside
+from analysis.diagnosis.columns import LARGEST_FAULT, Form, column_shares_beside, shares_beside
 from analysis.diagnosis.diagnosis import ODDS
 from analysis.kinematics.arm import Array, Integers
 from rigs.effects import Effect
@@ -50,10 +50,9 @@ class FormPosterior:
     def variance_beside(self, effects: Sequence[Effect]) -> Array:
         """Return the prior variance (p,) of all coefficients, in healthy sizes squared, beside named effects; what
         follows the forms is unchanged."""
-        width = [len(form.columns) for form in self.forms]
-        variance = self.variance.copy()
+        variance = self.variance
         for effect in effects:
-            variance[: sum(width)] *= np.repeat(shares_beside(self.forms, effect), width)
+            variance = variance * column_shares_beside(self.forms, effect, len(variance))
         return variance
 
     def sd(self, candidate: Candidate) -> float:

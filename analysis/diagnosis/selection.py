@@ -113,12 +113,14 @@ class Selection:
         return state
 
     def _begun_again(self, state: SelectionState, place: int) -> SelectionState | None:
-        """Return the state with one effect fitted again from the best form of its name, if it has one."""
+        """Return the state with one effect fitted again from the best form of its name, if it has one and the fit does
+        not become another wave of that name."""
         rest = self.without(state, place)
         posterior, name = self.posterior(rest), name_of(state.refined.effects[place])
         gain = np.maximum(*self.gains(rest, posterior))
         own = [k for k, form in enumerate(self.columns.forms) if form.name == name and np.isfinite(gain[k])]
-        return self.with_form(rest, posterior, max(own, key=lambda k: gain[k])) if own else None
+        tried = self.with_form(rest, posterior, max(own, key=lambda k: gain[k])) if own else None
+        return None if tried is None or is_twice(tried.refined.effects) else tried
 
     def select(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
