@@ -47,6 +47,11 @@ class Linearisation:
         """The residual (N,) with the known effects."""
         return np.concatenate([block.white(block.y_mm) for block in self.blocks])
 
+    @property
+    def known(self) -> tuple[Effect, ...]:
+        """The effects beside those of the rig file that are part of the model."""
+        return self.simulated[0].known
+
     @cached_property
     def rows(self) -> list[slice]:
         """The entries of each block."""

@@ -78,8 +78,9 @@ def without_needless_names(selection: Selection, state: SelectionState) -> Selec
         if place is None:
             return state
         tried.add(names[place])
-        rest = selection.settled(selection.without(state, place))
-        if selection.evidence(rest) > selection.evidence(state):
+        whole = selection.evidence(state)
+        rest = selection.settled(selection.without(state, place), whole)
+        if selection.evidence(rest) > whole:
             state = selection.refusing(rest, state.refined.effects[place], state.origins[place])
 
 

@@ -3,7 +3,8 @@ are, and the columns were computed beside the faults.
 
 A large effect displaces the ball that a fit without it found, and makes the linearisation invalid. It also changes what
 a healthy arm adds: a length that is 0.4 mm wrong makes the readings of a large gear error 0.5 % smaller, ten times the
-uncertainty of its size.
+uncertainty of its size. So a selection stops at a fault beside which the columns do not hold, and the next one begins
+with columns that were computed beside it.
 """
 
 from __future__ import annotations
@@ -11,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
 
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.blocks import blocks_of
@@ -27,15 +26,9 @@ from analysis.diagnosis.selection_state import SelectionState
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
-_ITERATIONS = 4
-"""Largest number of iterations. Chosen: each starts from set-ups fitted with the names and costs a search; the second
-mostly stays where it began."""
-_NEAR_MM = 0.3
-"""Length by which names may move set-ups from the place about which readings are linear. Over 0.3 mm a circle of 70 mm
-radius bends by less than 0.7 µm."""
-_OFF = 0.1
-"""Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
-to 1 % of a large one, so that they then miss 0.1 %."""
+_ITERATIONS, _STOPS = 8, 5
+"""Largest number of selections, and of those that stop at a fault. Chosen: few faults of an arm are so large that they
+change the columns of those found before, and a complete selection mostly ends where the last one did."""
 
 
 @dataclass(frozen=True)
@@ -85,31 +78,17 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection, is_last = Selection(linear, columns_for(linear, candidates_for(linear))), turn + 1 == _ITERATIONS
         progress("selecting effects")
-        state = selection.select(selection.fitted_again(selection.initial_state(known)))
-        moves = linear.moves_with(state.refined.effects)
-        if is_about(linear, known, state, moves) or turn + 1 == _ITERATIONS:
+        state = selection.select(selection.fitted_again(selection.initial_state(known)), stops=turn < _STOPS)
+        if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state)
-            moves = linear.moves_with(state.refined.effects)
-            if is_about(linear, known, state, moves):
+            if is_last or selection.holds_for(state):
                 break
-        known, setups = state.refined.effects, linear.setups_moved_by(moves)
+        known = state.refined.effects
+        setups = linear.setups_moved_by(linear.moves_with(known))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
-
-
-def is_about(linear: Linearisation, known: Sequence[Effect], state: SelectionState, moves: Array) -> bool:
-    """Return whether a linearisation with known effects holds for a state that moves set-ups by (s,) mm: they hardly
-    move, and the faults among the known effects do nearly what those of the state do."""
-    if linear.bending(moves) >= _NEAR_MM:
-        return False
-    before, now = state.faults_among(known), state.faults_among(state.refined.effects)
-    if not (before or now):
-        return True
-    with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
-    off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
-    return float(np.linalg.norm(off)) <= _OFF * float(np.linalg.norm(whole))
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -33,6 +33,14 @@ from rigs.schema.effect import name_of, size_of
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
 and the 9 to 14 of an arm that was never calibrated."""
+_NEAR_MM = 0.3
+"""Length by which effects may move set-ups from the place about which readings are linear. Over 0.3 mm a circle of 70
+mm radius bends by less than 0.7 µm."""
+_OFF = 0.1
+"""Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
+to 1 % of a large one, so that they then miss 0.1 %."""
+_UNSEEN = 100.0
+"""Standard deviations of the noise by which they may differ in any case: columns that miss 1 % of it miss one."""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
@@ -122,20 +130,42 @@ class Selection:
         tried = self.with_form(rest, posterior, max(own, key=lambda k: gain[k])) if own else None
         return None if tried is None or is_twice(tried.refined.effects) else tried
 
-    def select(self, state: SelectionState) -> SelectionState:
+    def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
         explained more than the best name, the search that accepts it is tried too, and the state with more evidence is
-        returned."""
-        named, with_free_form = self._stepwise(state, accept_free_forms=False)
+        returned. Where it `stops`, it ends at the first new fault beside which the columns do not hold."""
+        named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
         return self._likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
 
+    def holds_for(self, state: SelectionState) -> bool:
+        """Return whether the columns hold for a state: its effects hardly move the set-ups, and the faults among the
+        effects beside which the columns were computed do nearly what those of the state do."""
+        linear = self.linear
+        if linear.bending(linear.moves_with(state.refined.effects)) >= _NEAR_MM:
+            return False
+        before, now = state.faults_among(linear.known), state.faults_among(state.refined.effects)
+        if not (before or now):
+            return True
+        with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
+        off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
+        return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _UNSEEN)
+
+    def _has_new_fault(self, state: SelectionState) -> bool:
+        """Return whether a state has a fault beside which the columns were not computed, and do not hold."""
+        before, now = (
+            {name_of(effect) for effect in state.faults_among(effects)}
+            for effects in (self.linear.known, state.refined.effects)
+        )
+        return not now <= before and not self.holds_for(state)
+
     def _stepwise(
-        self, state: SelectionState, *, accept_free_forms: bool
+        self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
         """Return the result of a stepwise search, and the first state in which a free form explained more than the best
-        name, if any. `accept_free_forms` states whether such a form is then used."""
+        name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether it ends at a new
+        fault if there is no such form."""
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
         for most in (1.0, MOST_LEVEL):
@@ -147,8 +177,12 @@ class Selection:
                 changed = self._backward_step(state, posterior, 0.0)
                 if changed is None:
                     tried = accept_free_forms or with_free_form is None
-                    changed, unnamed = self._forward_step(state, posterior, try_free_forms=tried)
+                    changed, unnamed = self._forward_step(
+                        state, posterior, try_free_forms=tried, stops=stops and with_free_form is None
+                    )
                     with_free_form = with_free_form or unnamed
+                    if stops and changed is not None and with_free_form is None and self._has_new_fault(changed):
+                        return changed, None
                     changed = unnamed if accept_free_forms and unnamed else changed
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
                 if changed is None:
@@ -265,7 +299,7 @@ class Selection:
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
     def _forward_step(
-        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
+        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
         instead, if those are tried and one explains much more."""
@@ -278,15 +312,16 @@ class Selection:
             tried = {k: self.with_form(state, posterior, k) for k in best}
             if twice := frozenset(k for k, one in tried.items() if is_twice(one.refined.effects)):
                 state = replace(state, refused=state.refused | twice)
-                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms, stops=stops)
             rise, changed = self._likeliest(list(tried.values()))
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
                     state = self.refusing(state, self.columns.forms[k].effects[0])
-                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms, stops=stops)
             most = max(float(gain[best[0]]), rise)
-            changed = changed if gain[best[0]] < _MUCH else self.settled(changed)
+            if gain[best[0]] >= _MUCH and changed.is_fault(-1) and not (stops and self._has_new_fault(changed)):
+                changed = self.settled(changed)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
         forms = [form for form in self._free if form.words not in known] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
@@ -324,9 +359,10 @@ class Selection:
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined, rounds=rounds))
 
-    def settled(self, state: SelectionState) -> SelectionState:
-        """Return the state with all effects and the noise fitted until its evidence hardly rises."""
-        return settled(state, self._refitted, self._renewed, self.evidence)
+    def settled(self, state: SelectionState, least: float = -np.inf) -> SelectionState:
+        """Return the state with all effects and the noise fitted until its evidence hardly rises, or could hardly reach
+        the log evidence `least`."""
+        return settled(state, self._refitted, self._renewed, self.evidence, least)
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""

@@ -48,7 +48,7 @@ class SelectionState:
 
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms of this level, show."""
-        return bool(self.faults_among(self.refined.effects[place : place + 1]))
+        return bool(self.faults_among([self.refined.effects[place]]))
 
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that are larger than healthy arms, and arms of this level, show."""

@@ -21,18 +21,25 @@ _Change = Callable[[SelectionState], SelectionState]
 
 
 def settled(
-    state: SelectionState, fitted: _Change, with_noise: _Change, evidence: Callable[[SelectionState], float]
+    state: SelectionState,
+    fitted: _Change,
+    with_noise: _Change,
+    evidence: Callable[[SelectionState], float],
+    least: float = -np.inf,
 ) -> SelectionState:
     """Return the likeliest of the states reached from the present strengths (b,) and from those of the noise alone.
 
-    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state.
+    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
+    early where the rounds left, each with the gain of the last one, would not reach the log evidence `least`.
     """
     found = []
-    for begin in (state, replace(state, strength=np.ones_like(state.strength))):
+    quiet = replace(state, strength=np.ones_like(state.strength))
+    for begin in [state, quiet] if (state.strength > 1).any() else [state]:
         now = fitted(begin)
-        for _ in range(_ROUNDS):
+        for left in reversed(range(_ROUNDS)):
             best, now = now, fitted(with_noise(now))
-            if evidence(now) < evidence(best) + _ENOUGH:
+            gain = evidence(now) - evidence(best)
+            if gain < _ENOUGH or evidence(now) + left * gain < least:
                 break
         found += [best, now]
     return max(found, key=evidence)

@@ -50,7 +50,8 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
 
 def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect: Effect) -> list[Effect]:
     """Return plays of two widths: the one that is most likely beside everything else, in each shape, and the one that
-    leaves least (N,) with the set-ups alone.
+    leaves least (N,) with the set-ups alone. A play of about healthy size has the first, in its own shape and the
+    expected one.
 
     The strengths of the residual were estimated without the play and would hide it, so the first is the most likely one
     whatever the strength of each band is. Where everything else has taken up the play already, the second is nearer.
@@ -68,6 +69,8 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
         cost.append(columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows]))
         energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
     beside, alone = float(_WIDTHS[np.argmin(np.min(cost, axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    if max(beside, alone) <= FAULT:
+        return [scaled(shape, beside) for shape in dict.fromkeys((shapes[0], healthy(effect)))]
     return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
 
 

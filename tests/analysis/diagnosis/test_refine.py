@@ -12,6 +12,7 @@ from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.refine import no_effects, refine
 from rigs.effects import (
     Backlash,
+    Compliance,
     Effect,
     JointOffset,
     LinkGeometry,
@@ -23,7 +24,7 @@ from rigs.effects import (
     healthy_size,
     size_field,
 )
-from rigs.schema.effect import name_of
+from rigs.schema.effect import name_of, scaled
 from tests.support.diagnosis_cells import Array, healthy, holding, no_background, shown_by, white
 from tests.support.stranger.play import lagging
 
@@ -89,6 +90,21 @@ def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
     # Beside the zero nothing is left for it.
     both = refine(linear, background, [*play.effects, *right.effects])
     assert getattr(both.effects[0], "width_deg", 1.0) < 0.02
+
+
+@pytest.mark.parametrize("axis", [2, 3])
+def test_what_is_at_a_limit_does_not_lead_the_rest_astray(axis: int) -> None:
+    """Readings as if less than nothing hung on the arm, which a payload may not be: the rest fits them best."""
+    unit = Compliance(axis=axis, deg_per_Nm=1e-5, payload_kg=0.0)
+    bare, loaded = healthy().columns([unit, unit.model_copy(update={"payload_kg": 5.0})]).T
+    linear = holding(healthy(), 2.0 * bare - 0.8 * (loaded - bare))
+    found = refine(linear, no_background(linear), [scaled(unit, 3.0)])
+    alone, left = linear.without_set_up(bare), linear.without_set_up(linear.y)
+    best = 1e-5 * float(alone @ left) / float(alone @ alone)
+    effect, u = found.effects[0], found.sd(0)["deg_per_Nm"]
+    assert getattr(effect, "payload_kg", -1.0) == 0.0 and getattr(effect, "deg_per_Nm", 0.0) == pytest.approx(
+        best, abs=0.2 * u
+    )
 
 
 def test_a_large_lag_is_right_beside_the_lags_of_a_healthy_arm() -> None:
