@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, fault_sizes
-from analysis.kinematics.arm import Array, Mask
+from analysis.kinematics.arm import Array
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,21 @@ class Weighed:
 @dataclass(frozen=True)
 class FittedTerms:
     """Terms that are fitted beside the background: columns T (N, q) with prior precision (q, q) and prior mean (q,),
-    and the residual r (N,) of the model where all of them are zero. Terms that are not `free` (q,) stay at zero, as
-    uncertain as they are. Readings are whitened."""
+    and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that a limit
+    holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
 
     r: Array
     T: Array
     precision: Array
     mean: Array
-    free: Mask
+    held: Array
 
     def best(self, normal: Array, right: Array) -> Array:
-        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,), with those that
-        are not free at zero."""
-        found = np.zeros(len(right))
-        found[self.free] = np.linalg.solve(normal[np.ix_(self.free, self.free)], right[self.free])
+        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
+        limits hold."""
+        free, found = np.isnan(self.held), self.held.copy()
+        beside = right[free] - normal[np.ix_(free, ~free)] @ found[~free]
+        found[free] = np.linalg.solve(normal[np.ix_(free, free)], beside)
         return found
 
 
@@ -161,7 +162,8 @@ class Background:
         products = weighed.products(weighed)
         normal = products[:q, :q] + known.precision
         right = products[:q, q] + known.precision @ known.mean
-        cost = products[q, q] + known.mean @ known.precision @ known.mean - right @ known.best(normal, right)
+        best = known.best(normal, right)
+        cost = products[q, q] + known.mean @ known.precision @ known.mean - (2 * right - normal @ best) @ best
         occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + self.logdet
         return -0.5 * float(cost + occam)
 

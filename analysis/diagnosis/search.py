@@ -26,9 +26,10 @@ from analysis.diagnosis.selection_state import SelectionState
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
-_ITERATIONS, _STOPS = 8, 5
-"""Largest number of selections, and of those that stop at a fault. Chosen: few faults of an arm are so large that they
-change the columns of those found before, and a complete selection mostly ends where the last one did."""
+_STOPS, _ITERATIONS = 5, 8
+"""Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are so large that they
+change the columns of those found before, and of three complete selections the second mostly ends where the first did.
+"""
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,10 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection, is_last = Selection(linear, columns_for(linear, candidates_for(linear))), turn + 1 == _ITERATIONS
+        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         state = selection.select(selection.fitted_again(selection.initial_state(known)), stops=turn < _STOPS)
+        is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state)

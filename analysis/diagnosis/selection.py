@@ -23,7 +23,7 @@ from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, 
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, is_same, is_twice
+from analysis.diagnosis.selection_state import SelectionState, is_alike, is_same, is_twice
 from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
@@ -39,8 +39,9 @@ mm radius bends by less than 0.7 µm."""
 _OFF = 0.1
 """Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
 to 1 % of a large one, so that they then miss 0.1 %."""
-_UNSEEN = 100.0
-"""Standard deviations of the noise by which they may differ in any case: columns that miss 1 % of it miss one."""
+_FEW_SIGMA = 100.0
+"""Norm of what the faults and the known ones do differently, in standard deviations of the noise, up to which columns
+hold, however small the faults are. Chosen: columns that miss 1 % of it (6 % at worst) miss one (six)."""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
@@ -54,8 +55,8 @@ detected, so that names in between are not reported as hidden."""
 _SURE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
-"""Log evidence from which a free form competes with names, and after an effect of which all others are fitted again.
-Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the library mostly less than 8."""
+"""Log evidence from which a free form competes with names. Chosen: foreign effects leave 50 to 500 in log evidence, and
+effects of the library mostly less than 8."""
 _MARGIN = 1.2
 """Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
@@ -133,7 +134,8 @@ class Selection:
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
         explained more than the best name, the search that accepts it is tried too, and the state with more evidence is
-        returned. Where it `stops`, it ends at the first new fault beside which the columns do not hold."""
+        returned. Where it `stops`, it ends at the first new fault beside which the columns do not hold, unless a free
+        form explained more before."""
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
@@ -150,22 +152,18 @@ class Selection:
             return True
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
         off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
-        return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _UNSEEN)
+        return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
 
-    def _has_new_fault(self, state: SelectionState) -> bool:
-        """Return whether a state has a fault beside which the columns were not computed, and do not hold."""
-        before, now = (
-            {name_of(effect) for effect in state.faults_among(effects)}
-            for effects in (self.linear.known, state.refined.effects)
-        )
-        return not now <= before and not self.holds_for(state)
+    def _is_new(self, effect: Effect) -> bool:
+        """Return whether an effect is not among those beside which the columns were computed."""
+        return not any(is_alike(one, effect) for one in self.linear.known)
 
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
         """Return the result of a stepwise search, and the first state in which a free form explained more than the best
         name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether it ends at a new
-        fault if there is no such form."""
+        fault beside which the columns do not hold, unless there is such a form."""
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
         for most in (1.0, MOST_LEVEL):
@@ -177,13 +175,15 @@ class Selection:
                 changed = self._backward_step(state, posterior, 0.0)
                 if changed is None:
                     tried = accept_free_forms or with_free_form is None
-                    changed, unnamed = self._forward_step(
-                        state, posterior, try_free_forms=tried, stops=stops and with_free_form is None
-                    )
+                    changed, unnamed = self._forward_step(state, posterior, try_free_forms=tried)
                     with_free_form = with_free_form or unnamed
-                    if stops and changed is not None and with_free_form is None and self._has_new_fault(changed):
-                        return changed, None
-                    changed = unnamed if accept_free_forms and unnamed else changed
+                    if accept_free_forms and unnamed:
+                        changed = unnamed
+                    elif changed is not None and changed.is_fault(-1):
+                        may_stop = stops and with_free_form is None and self._is_new(changed.refined.effects[-1])
+                        if may_stop and not self.holds_for(changed):
+                            return changed, None
+                        changed = self.settled(changed)
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
                 if changed is None:
                     break
@@ -299,7 +299,7 @@ class Selection:
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
     def _forward_step(
-        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool, stops: bool = False
+        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
         instead, if those are tried and one explains much more."""
@@ -312,16 +312,14 @@ class Selection:
             tried = {k: self.with_form(state, posterior, k) for k in best}
             if twice := frozenset(k for k, one in tried.items() if is_twice(one.refined.effects)):
                 state = replace(state, refused=state.refused | twice)
-                return self._forward_step(state, posterior, try_free_forms=try_free_forms, stops=stops)
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             rise, changed = self._likeliest(list(tried.values()))
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
                     state = self.refusing(state, self.columns.forms[k].effects[0])
-                return self._forward_step(state, posterior, try_free_forms=try_free_forms, stops=stops)
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             most = max(float(gain[best[0]]), rise)
-            if gain[best[0]] >= _MUCH and changed.is_fault(-1) and not (stops and self._has_new_fault(changed)):
-                changed = self.settled(changed)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
         forms = [form for form in self._free if form.words not in known] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None

@@ -1,7 +1,8 @@
 """Settling: the effects and the noise of a state fitted in turn, after a large effect was found.
 
 Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large; the
-residual then supports wrong names. So the fits start twice, from these strengths and from those of the noise alone.
+residual then supports wrong names. So the fits start twice, from these strengths and, where they differ, from those of
+the noise alone.
 """
 
 from __future__ import annotations
@@ -30,16 +31,17 @@ def settled(
     """Return the likeliest of the states reached from the present strengths (b,) and from those of the noise alone.
 
     `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
-    early where the rounds left, each with the gain of the last one, would not reach the log evidence `least`.
+    early where gains fall, and the rounds left, each with the gain of the last one, would not reach the log evidence
+    `least`.
     """
     found = []
     quiet = replace(state, strength=np.ones_like(state.strength))
-    for begin in [state, quiet] if (state.strength > 1).any() else [state]:
-        now = fitted(begin)
+    for begin in [state, quiet] if (state.strength != 1).any() else [state]:
+        now, gain = fitted(begin), np.inf
         for left in reversed(range(_ROUNDS)):
-            best, now = now, fitted(with_noise(now))
+            best, now, before = now, fitted(with_noise(now)), gain
             gain = evidence(now) - evidence(best)
-            if gain < _ENOUGH or evidence(now) + left * gain < least:
+            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + left * gain < least):
                 break
         found += [best, now]
     return max(found, key=evidence)

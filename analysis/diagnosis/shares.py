@@ -82,5 +82,5 @@ def _beside_size(result: SearchResult, k: int) -> Posterior:
     kept = np.ones(len(known.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
     precision = known.precision[np.ix_(kept, kept)]
-    terms = replace(known, T=known.T[:, kept], precision=precision, mean=known.mean[kept], free=known.free[kept])
+    terms = replace(known, T=known.T[:, kept], precision=precision, mean=known.mean[kept], held=known.held[kept])
     return Posterior(result.posterior.background, terms)

@@ -50,8 +50,8 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
 
 def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect: Effect) -> list[Effect]:
     """Return plays of two widths: the one that is most likely beside everything else, in each shape, and the one that
-    leaves least (N,) with the set-ups alone. A play of about healthy size has the first, in its own shape and the
-    expected one.
+    leaves least (N,) with the set-ups alone. A play of about healthy size has the two likeliest shapes, each in its
+    likeliest width.
 
     The strengths of the residual were estimated without the play and would hide it, so the first is the most likely one
     whatever the strength of each band is. Where everything else has taken up the play already, the second is nearer.
@@ -62,15 +62,16 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     # The background expects some of this play, which the tried one replaces.
     own = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
     at_mean = columns.X[:, own] @ posterior.background.mean[own]
-    cost, energy = [], np.empty(0)
-    for shape in reversed(shapes):
+    cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
+    for k, shape in reversed(list(enumerate(shapes))):
         added = linear.columns([scaled(shape, float(width)) for width in _WIDTHS]) - at_mean[:, None]
         left = posterior.residual[:, None] - posterior.left_of(added)
-        cost.append(columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows]))
+        cost[k] = columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows])
         energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
-    beside, alone = float(_WIDTHS[np.argmin(np.min(cost, axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    beside, alone = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
     if max(beside, alone) <= FAULT:
-        return [scaled(shape, beside) for shape in dict.fromkeys((shapes[0], healthy(effect)))]
+        likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
+        return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
     return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
 
 

@@ -43,7 +43,7 @@ C = _covariance(VARIANCE)
 
 @cache
 def _posterior() -> Posterior:
-    return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), T, PRECISION, MEAN, np.ones(2, dtype=bool)))
+    return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), T, PRECISION, MEAN, np.full(2, np.nan)))
 
 
 def _log_density(y: Array, covariance: Array) -> float:
@@ -91,7 +91,7 @@ def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal
     across = prior @ columns.T
     joint = prior - across @ np.linalg.solve(np.diag(1 / WEIGHT) + columns @ across, across.T)
     wanted = np.bincount(BAND, np.einsum("ni,ij,nj->n", columns, joint, columns))
-    found = BACKGROUND.posterior(FittedTerms(Y, terms, PRECISION, MEAN, np.ones(2, dtype=bool))).spent
+    found = BACKGROUND.posterior(FittedTerms(Y, terms, PRECISION, MEAN, np.full(2, np.nan))).spent
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
     np.testing.assert_allclose(BACKGROUND.spent, np.bincount(BAND, ((X @ BACKGROUND.covariance) * X).sum(axis=1)))
 
@@ -115,7 +115,7 @@ def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
 
 
 def test_the_evidence_is_the_density_of_the_readings() -> None:
-    known = FittedTerms(Y, T, PRECISION, MEAN, np.ones(2, dtype=bool))
+    known = FittedTerms(Y, T, PRECISION, MEAN, np.full(2, np.nan))
     assert BACKGROUND.evidence(known) == pytest.approx(_log_density(AWAY, _with_known(VARIANCE)))
 
 
@@ -136,7 +136,7 @@ def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
     background = background_of(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
     for sign, is_seen in ((1.0, True), (-1.0, False)):
         posterior = background.posterior(
-            FittedTerms(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0), np.empty(0, dtype=bool))
+            FittedTerms(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0), np.empty(0))
         )
         assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen
 

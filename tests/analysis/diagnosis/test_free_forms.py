@@ -23,7 +23,7 @@ def _beside(linear: Linearisation, left: Array, known: Array | None = None, more
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]
     return no_background(linear, more).posterior(
-        FittedTerms(left, T, 1e-6 * np.eye(q), np.zeros(q), np.ones(q, dtype=bool))
+        FittedTerms(left, T, 1e-6 * np.eye(q), np.zeros(q), np.full(q, np.nan))
     )
 
 

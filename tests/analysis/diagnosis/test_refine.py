@@ -92,6 +92,24 @@ def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
     assert getattr(both.effects[0], "width_deg", 1.0) < 0.02
 
 
+@pytest.mark.parametrize("rounds", [1, 2, 8])
+@pytest.mark.parametrize("case", [*CASES, "a play for a spike"])
+def test_the_tangents_lead_nowhere_beyond_a_limit(case: str, rounds: int) -> None:
+    """Not after a fit that was ended early either, in which what belongs at a limit is not there yet."""
+    truth = CASES[case][0] if case in CASES else ReversalSpike(axis=1, amplitude_deg=0.1, decay_s=0.1, slow=0.5)
+    start = CASES[case][1] if case in CASES else Backlash(axis=1, width_deg=0.1, transit=0.5, preload=0.3)
+    linear = holding(healthy(), shown_by(healthy(), [truth]) + white(healthy(), 5))
+    found = refine(linear, no_background(linear), [start], rounds=rounds)
+    moved = found.values + no_background(linear).posterior(found.known).known[: len(found.values)]
+    held = ~np.isnan(found.to_limit)
+    for unknown, value in zip(
+        [u for u, out in zip(found.unknowns, held, strict=True) if out], moved[held], strict=True
+    ):
+        reach = (unknown.expected - 4 * unknown.spread, unknown.expected + 4 * unknown.spread)
+        limits = (*bounds(start, unknown.field), unknown.low, *reach)
+        assert min(abs(value - limit) for limit in limits) < 1e-6, (unknown, value)
+
+
 @pytest.mark.parametrize("axis", [2, 3])
 def test_what_is_at_a_limit_does_not_lead_the_rest_astray(axis: int) -> None:
     """Readings as if less than nothing hung on the arm, which a payload may not be: the rest fits them best."""
