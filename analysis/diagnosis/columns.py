@@ -23,9 +23,11 @@ from analysis.kinematics.arm import Array
 from rigs.effects import Effect, one_sided
 from rigs.schema.effect import healthy, is_play, name_of
 
-_SET_UP_MM = 10.0
-"""Prior standard deviation of a set-up term about its first fit. It affects only what readings hardly determine, such
-as a ball's height above the plane of a circle. Chosen: larger than any error of a fitted set-up."""
+_BALL_MM, _PLACED_MM = 10.0, 1000.0
+"""Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
+affects only what readings hardly determine, such as a ball's height above the plane of a circle. Chosen: people set up
+a ball where the tool goes round it, and an instrument anywhere. Poses of a UR10 whose last axis mostly points in two
+directions move instrument and target by 60 mm; when 10 mm was expected, a length at its limit took 12 mm of them."""
 _DETECTABLE_SIGMA = 3.0
 """Smallest size in sigmas that the largest fault must have, were the set-up known, for its form to get a column.
 Chosen: below the 7 sigma at which an effect is detected."""
@@ -161,13 +163,15 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
     present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
     share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], linear.Z.shape[1] + begins.shape[1]
+    placed_mm = np.full(set_ups, _BALL_MM)
+    placed_mm[sorted(linear.terms_of_poses)] = _PLACED_MM
     return Columns(
         np.concatenate([columns, linear.U, linear.Z, begins], axis=1),
         forms,
         slice(len(share), len(share) + set_ups),
         np.unique(linear.band, return_inverse=True)[1],
         np.concatenate([share, np.zeros(set_ups + scattered)]),
-        np.concatenate([np.zeros(len(share)), np.full(set_ups, _SET_UP_MM**2), np.ones(scattered)]),
+        np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         not_seen,
     )

@@ -89,8 +89,8 @@ class Linearisation:
     def _best_moves(self) -> Array:
         """The terms of the set-ups (s, N) mm that fit whitened readings best."""
         found = np.zeros(self.U.T.shape)
-        poses = sorted(self._terms_of_poses)
-        balls = [terms for terms in self.terms.values() if not self._terms_of_poses.issuperset(terms)]
+        poses = sorted(self.terms_of_poses)
+        balls = [terms for terms in self.terms.values() if not self.terms_of_poses.issuperset(terms)]
         for terms in balls:
             found[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT["ball"])
         if poses:  # placements share the tool
@@ -98,7 +98,7 @@ class Linearisation:
         return found
 
     @cached_property
-    def _terms_of_poses(self) -> set[int]:
+    def terms_of_poses(self) -> set[int]:
         """The columns of U that belong to placements of poses."""
         poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PoseTable)]
         return {term for name in poses for term in self.terms[name]}
@@ -107,7 +107,7 @@ class Linearisation:
         """Return the largest of the moves of set-ups (s,) mm over which readings bend, of a ball, an instrument or a
         target; in the zeros of gauges they are linear."""
         balls = [term for terms in self.terms.values() for term in terms[:3]]
-        return float(np.abs(moves[[*balls, *self._terms_of_poses]]).max())
+        return float(np.abs(moves[[*balls, *self.terms_of_poses]]).max())
 
     @cached_property
     def _basis(self) -> Array:

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.background import Posterior
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.candidates import candidates_for
+from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
+from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same, is_twice
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
-from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
+from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
 
 
 def _searched(y: Array) -> tuple[Selection, SelectionState]:
@@ -63,6 +68,20 @@ def test_an_effect_is_twice_there_where_its_name_and_order_are() -> None:
     other = TransmissionError(axis=2, order=30.0, amplitude_deg=0.01)
     assert is_twice([wave, other, near]) and not is_twice([wave, other, far]) and not is_twice([wave, other])
     assert not is_twice([wave]) and not is_twice([JointOffset(axis=1, offset_deg=0.1), wave])
+
+
+def test_a_target_far_from_where_it_was_fitted_is_no_length() -> None:
+    """A target is anywhere; a last link, which moves it alike, is as long as its drawing states."""
+    runs = seen([poses(1)])
+    about = linearise(blocks_of(runs, fitted := fit_run_setups(runs)[0]), fitted)
+    setups = about.setups_moved_by(np.eye(9)[8] * 60.0)
+    linear = linearise(blocks_of(runs, setups), setups)
+    selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+    state = selection.initial_state()
+    posterior = selection.posterior(state)
+    (length,) = (k for k, form in enumerate(selection.columns.forms) if form.name == "link_geometry 6.d")
+    assert np.maximum(*selection.gains(state, posterior))[length] < -2.0
+    assert posterior.mean[selection.columns.set_ups][8] == pytest.approx(-60, abs=0.1)
 
 
 def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
