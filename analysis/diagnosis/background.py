@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, fault_sizes
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Integers
 
 
 @dataclass(frozen=True)
@@ -138,10 +138,11 @@ class Background:
         """The posterior covariance A (p, p) of all coefficients, with no terms fitted beside them."""
         from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
-        inverse, _ = dpotri(self._chol, lower=True)
-        whole = np.tril(inverse)
-        whole += np.tril(inverse, -1).T
-        found: Array = self._root[:, None] * whole * self._root
+        lower, _ = dpotri(self._chol, lower=True)
+        found: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
+        found[np.diag_indices_from(found)] /= 2
+        found *= self._root[:, None]
+        found *= self._root
         return found
 
     @cached_property
@@ -208,10 +209,22 @@ class Posterior:
         return found
 
     @cached_property
-    def A(self) -> Array:  # noqa: N802 - a matrix
-        """The covariance (p, p) of the columns of the background."""
+    def variance(self) -> Array:
+        """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        found: Array = self.background.covariance + taken @ self.known_covariance @ taken.T
+        found: Array = np.diag(self.background.covariance) + np.sum(taken @ self.known_covariance * taken, axis=1)
+        return found
+
+    def covariance_among(self, columns: Integers) -> Array:
+        """Return the covariances (…, q, q) among columns (…, q) of the background."""
+        taken = self._taken[:, :-1][columns]
+        own = self.background.covariance[columns[..., :, None], columns[..., None, :]]
+        return np.asarray(own + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+
+    def covariance_times(self, vector: Array) -> Array:
+        """Return the product (p,) of the covariance of the columns of the background with a vector (p,)."""
+        taken = self._taken[:, :-1]
+        found: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
         return found
 
     @cached_property
@@ -260,7 +273,7 @@ class Posterior:
             members, cols, prior, mean = members[kept], cols[kept], prior[kept], mean[kept]
             if not len(members):
                 continue
-            inverse = np.linalg.inv(self.A[cols[:, :, None], cols[:, None, :]])
+            inverse = np.linalg.inv(self.covariance_among(cols))
             eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
             precision = inverse.copy()
             precision[:, np.arange(q), np.arange(q)] -= 1 / prior
@@ -299,8 +312,8 @@ class Posterior:
 
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
-        cols = list(form.columns)
-        inverse = np.linalg.inv(self.A[np.ix_(cols, cols)])
+        cols = np.array(form.columns)
+        inverse = np.linalg.inv(self.covariance_among(cols))
         eta = inverse @ self.mean[cols] - self.background.pull[cols]
         precision = inverse - np.diag(1 / self.background.variance[cols])
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)

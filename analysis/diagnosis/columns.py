@@ -220,7 +220,8 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     size of a wave of order 16 was 5 % too large beside one of order 20, 4 times its uncertainty. Most orders are whole,
     as numbers of teeth are, so the wave takes what one order is of those that its nearest form stands for.
     """
-    keeps = np.array([one.name != name_of(effect) for one in forms], dtype=float)
+    name = name_of(effect)
+    keeps = np.array([one.name != name for one in forms], dtype=float)
     own = np.flatnonzero(keeps == 0)
     orders = np.array([order_of(forms[k].effects[0]) for k in own.tolist()])
     if _is_ordered(orders):

@@ -73,10 +73,10 @@ class Hyperparameters:
         """
         columns, background = self.columns, posterior.background
         cols = np.flatnonzero((columns.healthy > 0) & (background.variance > 0))
-        freedom = np.clip(1 - np.diag(posterior.A)[cols] / background.variance[cols], 0.0, 1.0)
+        freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
         # Of the coefficients, the prior means alone make this much; readings show the rest.
-        unseen = posterior.A @ background.pull
+        unseen = posterior.covariance_times(background.pull)
         shown = (posterior.mean - unseen)[cols]
         expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
         squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)

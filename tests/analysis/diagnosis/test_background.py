@@ -75,7 +75,11 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     found = _posterior()
     np.testing.assert_allclose(found.mean, EXPECTED + mean[:9], atol=1e-8)
     np.testing.assert_allclose(found.known, MEAN + mean[9:], atol=1e-8)
-    np.testing.assert_allclose(found.A, covariance[:9, :9], atol=1e-8)
+    everywhere = np.array([[0, 3], [8, 1], [4, 4]])
+    among = [covariance[np.ix_(some, some)] for some in everywhere]
+    np.testing.assert_allclose(found.covariance_among(everywhere), among, atol=1e-8)
+    np.testing.assert_allclose(found.variance, np.diag(covariance)[:9], atol=1e-8)
+    np.testing.assert_allclose(found.covariance_times(EXPECTED), covariance[:9, :9] @ EXPECTED, atol=1e-8)
     np.testing.assert_allclose(found.known_covariance, covariance[9:, 9:], atol=1e-8)
     np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.known, atol=1e-9)
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
