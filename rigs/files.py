@@ -24,6 +24,17 @@ def read_bytes(path: Path, most: int) -> bytes:
     most: the size in bytes beyond which it is not such a file. Raises OSError, or FileError for anything but a regular
     file, for a larger one, and where the memory does not hold it.
     """
+    data, _ = read_from(path, 0, most + 1)
+    if len(data) > most:
+        raise FileError(str(path), f"is larger than {_written(most)}, which no such file is", "give the file itself")
+    return data
+
+
+def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
+    """Return at most so many bytes of a regular file, from the byte `begin` on, and the size of the file in bytes.
+
+    Raises OSError, or FileError for anything but a regular file, and where the memory does not hold it.
+    """
     try:
         fd = os.open(path, _FLAGS)
     except ValueError as error:  # a zero byte in its name
@@ -33,13 +44,11 @@ def read_bytes(path: Path, most: int) -> bytes:
         if not stat.S_ISREG(found.st_mode):
             what = "is a directory" if stat.S_ISDIR(found.st_mode) else "is not a regular file"
             raise FileError(str(path), what, "give a file")
+        file.seek(begin)
         try:
-            data = file.read(most + 1)
+            return file.read(most), found.st_size
         except MemoryError:
             raise out_of_memory(path) from None
-    if len(data) > most:
-        raise FileError(str(path), f"is larger than {_written(most)}, which no such file is", "give the file itself")
-    return data
 
 
 def read_text(path: Path, most: int) -> str:

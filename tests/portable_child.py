@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from importlib.abc import MetaPathFinder
 
 BLOCKED = {"fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty"}
 ABSENT = ("O_DIRECTORY", "O_NOFOLLOW", "fork", "getuid", "geteuid", "mkfifo", "openpty", "pread", "pwrite", "statvfs")
 """What the documentation of `os` marks as "Availability: Unix", as far as anything here could want it."""
+
+
+ABSENT_CLOCKS = ("CLOCK_BOOTTIME", "clock_gettime", "clock_gettime_ns")
+"""The same of `time`; macOS has the latter two, and not the first."""
 
 
 class Blocker(MetaPathFinder):
@@ -26,6 +31,8 @@ import shutil  # noqa: E402 - it looks at `os` when it is imported, and Windows 
 
 for function in ABSENT:
     delattr(os, function)
+for function in ABSENT_CLOCKS:
+    delattr(time, function)
 assert shutil.disk_usage
 # private: the type that disk_usage returns, which Windows has too
 shutil.disk_usage = lambda path: shutil._ntuple_diskusage(1 << 40, 0, 1 << 40)  # type: ignore[attr-defined]

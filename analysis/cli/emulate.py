@@ -55,12 +55,13 @@ def emulate(
     from rigs.load import load, load_hidden  # noqa: PLC0415
 
     rig, text = load(rig_file)
+    path = rig_file_of_cell(directory, rig_file)
     rig = load_hidden(effects).within(rig) if effects else rig
     robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        (directory / "rig.yaml").write_text(cell.rig_text(text), encoding="utf-8")
+        path.write_text(cell.rig_text(text), encoding="utf-8")
         (directory / "truth.json").write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
@@ -71,7 +72,7 @@ def emulate(
     try:
         for name, port in cell.ports.items():
             say(f"{name}: {port}")
-        say(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
+        say(f"ready; next: rigd {path}; then type here: {', '.join(PROGRAMS)} or quit")
         threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
         exit_code = ends.get()
     finally:
@@ -79,6 +80,16 @@ def emulate(
     for name, count in sent.items():
         say(f"{name}: {count} sent")
     raise typer.Exit(exit_code)
+
+
+def rig_file_of_cell(directory: Path, read: str) -> Path:
+    """Return where to write the rig file of an emulated cell. Raises FileError for the rig file that was read."""
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    path = directory / "rig.yaml"
+    if path.exists() and Path(read).exists() and path.samefile(read):
+        raise FileError(str(path), "is the rig file that was read, and is not replaced", "give another --output")
+    return path
 
 
 def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:

@@ -46,8 +46,8 @@ def _export(path: Path, to: Format, output: Path) -> None:
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
-    from daq.store import mark_exported, read_run  # noqa: PLC0415
-    from rigs.errors import RigError  # noqa: PLC0415
+    from daq.store import durable, mark_exported, read_run  # noqa: PLC0415
+    from rigs.errors import CellError, RigError  # noqa: PLC0415
 
     doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
@@ -60,6 +60,11 @@ def _export(path: Path, to: Format, output: Path) -> None:
             write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
     for doubt in doubts:
         say(f"note: {doubt}", err=True)
+    try:
+        durable.persist(output)  # rigd may delete a marked run, and a power cut must not take its only copy
+    except OSError as error:
+        what = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
+        raise CellError(str(output), what, "export it again to another disk") from None
     try:
         mark_exported(path, to, output)
     except RigError as error:

@@ -10,6 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import operator_or_user
 from analysis.cli.several import for_each
 from analysis.traces.table_layout import JointSource
 from rigs.schema.vocabulary import Direction, TestName
@@ -43,13 +44,11 @@ def import_(
     ] = "measured",
 ) -> None:
     """Create a run from each table of measurements; every bad row is reported with its line and the reason."""
-    import getpass  # noqa: PLC0415
-
     from analysis import read_table, save_run  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
-    operator = operator or getpass.getuser()
+    operator = operator_or_user(operator)
 
     def make_run(table: Path) -> None:
         run = output / table.stem if len(tables) > 1 else output

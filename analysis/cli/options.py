@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,15 @@ def location(given: str | Path) -> Path:
     from analysis.batch import remote_path  # noqa: PLC0415 - not for help
 
     return remote_path.location(str(given))
+
+
+def operator_or_user(operator: str) -> str:
+    """Return the operator given, else the name of the user; empty where the system has none, as in many containers."""
+    import getpass  # noqa: PLC0415 - not for help
+
+    with suppress(KeyError, OSError, ImportError):
+        return operator or getpass.getuser()
+    return ""
 
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")]

@@ -9,7 +9,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import AsJson, operator_or_user
 from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
@@ -39,8 +39,6 @@ def start(
     rig: RigName = None,
 ) -> None:
     """Start a recording and print its run directory."""
-    import getpass  # noqa: PLC0415
-
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
@@ -48,7 +46,7 @@ def start(
             "name": name,
             "test": test,
             "direction": direction,
-            "operator": operator or getpass.getuser(),
+            "operator": operator_or_user(operator),
             "placement": placement,
         }
         say(client.ask("record_start", **fields)["run"])

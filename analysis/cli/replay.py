@@ -10,6 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.emulate import rig_file_of_cell
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -43,11 +44,12 @@ def replay(
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
+    path = rig_file_of_cell(directory, rig_file)
     capture = read_capture(log)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         played = Replay.open(rig, capture, directory / "out-of-step.txt")
-        (directory / "rig.yaml").write_text(played.rig_text(text), encoding="utf-8")
+        path.write_text(played.rig_text(text), encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     ends: SimpleQueue[int] = SimpleQueue()
@@ -59,7 +61,7 @@ def replay(
             say(f"{name}: {port}")
         if capture.cut:
             say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
-        say(f"ready; next: rigd {directory / 'rig.yaml'}")
+        say(f"ready; next: rigd {path}")
         exit_code = _end(played, ends)
     finally:
         sent = played.cell.stop()

@@ -18,9 +18,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.reader import make_reader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Chunk, Schema
+from mcap.stream_reader import StreamReader
 
 from analysis.kinematics.arm import Array
 from analysis.traces.align import JUMPS_NS, MOVES_NS, gaps_ns
@@ -32,6 +35,8 @@ from rigs.schema.ros2 import ROS2JointStates
 MAGIC = b"\x89MCAP0\r\n"
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
+_MOST_UNPACKED = 2_000_000_000
+"""Bytes of all chunks of a bag once they are unpacked: eight times the largest file."""
 _JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 
@@ -98,6 +103,13 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     tracks |= {f"/{name}": _Track(_NUMBER, _number, [], []) for name, _ in rig.gauges}
     found: dict[str, str] = {}
     try:
+        unpacked = _unpacked_bytes(data)
+    except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
+        raise _damaged(where, error) from None
+    if unpacked > _MOST_UNPACKED:
+        what = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+        raise FileError(where, what, "record the topics of joints and gauges alone, or import it in several runs")
+    try:
         for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
             found[channel.topic] = _kind(schema, channel)
             track = tracks.get(channel.topic)
@@ -106,7 +118,7 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     except MemoryError:
         raise out_of_memory(Path(where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
+        raise _damaged(where, error) from None
     for topic, track in tracks.items():
         if len(track.ns) >= _MOST_MESSAGES:
             raise FileError(where, f"has more than {_MOST_MESSAGES} messages of {topic}", "import it in several runs")
@@ -117,6 +129,31 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
                 where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             )
     return tracks
+
+
+def _damaged(where: str, error: Exception) -> FileError:
+    return FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again")
+
+
+def _unpacked_bytes(data: bytes) -> int:
+    """Return the bytes that the chunks of a bag stand for, counted no further than the limit: a few bytes can stand for
+    any number, and the reader of bags unpacks whatever a chunk states."""
+    total = 0
+    for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
+        if isinstance(record, Chunk):
+            total += max(record.uncompressed_size, _frame_bytes(record))
+        if total > _MOST_UNPACKED:
+            break
+    return total
+
+
+def _frame_bytes(chunk: Chunk) -> int:
+    """Return the bytes that the frame of a compressed chunk stands for by its own word, as far as it has one."""
+    if chunk.compression == "zstd":
+        return int(zstandard.frame_content_size(chunk.data))  # -1: unknown, and unpacked no further than the chunk says
+    if chunk.compression == "lz4":
+        return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=_MOST_UNPACKED + 1))
+    return len(chunk.data)
 
 
 def _kind(schema: Schema | None, channel: Channel) -> str:

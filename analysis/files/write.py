@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -51,26 +53,50 @@ def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
 
 
 def write_new(path: Path, write: Writer) -> None:
-    """Make a file by `write`, whole or not at all.
+    """Make a file by `write`, whole or not at all: until it is complete it has another name.
 
     Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
     """
+    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
-        file = path.open("xb")
+        _hold_free(path)
+        file = temporary.open("xb")
     except FileExistsError:
-        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
+        raise _exists(path) from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give another --output") from None
     try:
         with file:
             write(file)
-    except BaseException as error:
+        _name(temporary, path)
+    except FileExistsError:
+        raise _exists(path) from None
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), what, "free some space or choose another disk") from error
+    finally:
         with suppress(OSError):
-            path.unlink()
-        if isinstance(error, OSError):
-            what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(path), what, "free some space or choose another disk") from error
+            temporary.unlink()
+
+
+def _name(temporary: Path, path: Path) -> None:
+    """Give a complete file its name. Raises FileExistsError if another file has it by now."""
+    try:
+        path.hardlink_to(temporary)
+    except FileExistsError:
         raise
+    except OSError:  # memory sticks and some network shares have no links
+        _hold_free(path)
+        temporary.rename(path)
+
+
+def _hold_free(path: Path) -> None:
+    if os.path.lexists(path):
+        raise FileExistsError(path)
+
+
+def _exists(path: Path) -> FileError:
+    return FileError(str(path), "exists already", "give another --output, or remove it first")
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:

@@ -36,9 +36,14 @@ def read_clocks() -> ClockReadings:
 
 def _read() -> ClockReadings:
     before = time.monotonic_ns()
-    wall_ns, boot_ns = time.time_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    wall_ns, boot_ns = time.time_ns(), _boot_ns()
     after = time.monotonic_ns()
     return ClockReadings((before + after) // 2, wall_ns, boot_ns, after - before)
+
+
+def _boot_ns() -> int:
+    # Linux alone has this clock, and rigd runs nowhere else; other systems import and simulate runs.
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
 
 
 class HostClockMonitor:

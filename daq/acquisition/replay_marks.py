@@ -11,8 +11,12 @@ import time
 from pathlib import Path
 
 from daq.protocol.conversation import Fault, FaultKind
+from rigs.errors import FileError
+from rigs.files import read_from
 
 _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")
+_MOST_BYTES = 1_000_000
+"""Bytes that are read at a time, of a file that grows by some 20 bytes a second and stream."""
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
@@ -25,25 +29,35 @@ class ReplayMarks:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._read = 0
+        self._end = 0
+        """Bytes that were read, up to the end of a line."""
 
     def skip(self) -> None:
         """Leave out what is there already."""
-        self._read = len(self._lines())
+        before = -1
+        while before < self._end:
+            before = self._end
+            self._lines()
 
     def read_new(self) -> list[tuple[str, Fault]]:
         """Return what was added since the last call: names of streams, and the fault of each."""
-        lines = self._lines()[self._read :]
-        self._read += len(lines)
         found = []
-        for line in filter(None, map(_LINE.fullmatch, lines)):
+        for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; replay it on a computer that is less busy"
             found.append((line[1], Fault(FaultKind.OUT_OF_STEP, time.monotonic_ns(), detail)))
         return found
 
     def _lines(self) -> list[str]:
-        """Return the complete lines; none if the replay, and its file with it, is gone."""
+        """Return the complete lines that follow, as many as one call takes; none if the replay, and its file with it,
+        is gone."""
         try:
-            return self._path.read_text(encoding="utf-8").split("\n")[:-1]
-        except OSError:
+            data, size = read_from(self._path, self._end, _MOST_BYTES)
+        except (OSError, FileError):
             return []
+        if size < self._end:  # a replay that starts empties the file
+            self._end = 0
+            return self._lines()
+        complete, newline, rest = data.rpartition(b"\n")
+        # So many bytes without an end of a line are no line.
+        self._end += len(data) if len(rest) == _MOST_BYTES else len(complete + newline)
+        return complete.decode(errors="replace").split("\n")

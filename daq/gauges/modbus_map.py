@@ -144,7 +144,8 @@ def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
     parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
     known = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
-    return sum(known) if known else math.nan
+    clock_s = sum(known) if known else math.nan
+    return clock_s if math.isfinite(clock_s) else math.nan
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:

@@ -12,10 +12,12 @@ which run, rig and clock it belongs to.
 from __future__ import annotations
 
 import errno
+import struct
 import zlib
 from dataclasses import dataclass, replace
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from daq.store.schema import checksum
@@ -25,11 +27,14 @@ END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
 MOST_BYTES = 4_000_000_000
 """The largest file of a chunk; one that is recorded has some 20 MB, an imported table at most what its CSV has."""
-_MOST_CELLS = 100_000_000
-"""Rows times columns of a chunk, decoded 0.8 GB: one that is recorded has 200 000 rows, a table 20 million cells."""
+_CELL_BYTES, _MOST_DECODED = 8, 800_000_000
+"""Bytes of a number, and of all numbers of a chunk, or of all its text: one that is recorded has 200 000 rows, a table
+20 million cells."""
 _NO_MEMORY = "not enough memory"
-# Everything Arrow has been seen to raise on damaged bytes; StopIteration is its answer to zeros.
-_DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, StopIteration)
+_ZEROS = (StopIteration, EOFError)
+"""What Arrow raises on zeros."""
+# Everything that damaged bytes have been seen to raise.
+_DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, struct.error, *_ZEROS)
 
 
 @dataclass(frozen=True)
@@ -101,13 +106,16 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
     batches: list[pa.RecordBatch] = []
     end, closed, damage = 0, False, None
     try:
-        source = pa.BufferReader(data)
+        source, whole = pa.BufferReader(data), pa.py_buffer(data)
         reader = pa.ipc.open_stream(source, options=pa.ipc.IpcReadOptions(use_threads=False))
+        if not reader.schema.equals(schema):
+            raise ValueError("another schema")
         end = source.tell()
         while end < len(data) and not closed:
             closed = len(data) - end == len(END) and data.endswith(END)
             if not closed:
-                batches.append(_next(reader, len(batches), schema))
+                _hold_plain(pa.ipc.read_message(whole.slice(end)))
+                batches.append(_next(reader, len(batches)))
                 end = source.tell()
     except _DAMAGE as error:
         _hold_memory(error, len(data))
@@ -116,11 +124,38 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
     return Salvage(tuple(batches), closed, unread, damage)
 
 
-def _next(reader: pa.RecordBatchStreamReader, number: int, schema: pa.Schema) -> pa.RecordBatch:
+def _hold_plain(message: pa.Message) -> None:
+    """Raise ValueError for anything but a batch as it is recorded: a compressed one may stand for any number of
+    rows."""
+    if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
+        raise ValueError("not recorded like this")
+
+
+def _has_compression(metadata: bytes) -> bool:
+    """Return whether the metadata of a batch state a compression: the fourth field of the table RecordBatch, which is
+    the third field of the table Message (Arrow, format/Message.fbs; tables and their fields as in FlatBuffers'
+    internals)."""
+    message = _number(metadata, 0, "I")
+    header = message + _field(metadata, message, 2)
+    return _field(metadata, header + _number(metadata, header, "I"), 3) > 0
+
+
+def _field(data: bytes, table: int, k: int) -> int:
+    """Return how far behind its table's beginning the field k of a FlatBuffers table is; 0 if it has none."""
+    known = table - _number(data, table, "i")
+    return _number(data, known + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, known, "H") else 0
+
+
+def _number(data: bytes, at: int, kind: str) -> int:
+    (number,) = struct.unpack_from(f"<{kind}", data, at)
+    return int(number)
+
+
+def _next(reader: pa.RecordBatchStreamReader, number: int) -> pa.RecordBatch:
     batch, metadata = reader.read_next_batch_with_custom_metadata()
     batch.validate(full=True)
     stored = dict(metadata or {})
-    if not batch.schema.equals(schema) or stored.get(_CRC) != _digits(checksum(batch, number)):
+    if stored.get(_CRC) != _digits(checksum(batch, number)):
         raise ValueError("checksum mismatch")
     return batch
 
@@ -130,7 +165,7 @@ def _digits(number: int) -> bytes:
 
 
 def _reason(error: BaseException) -> str:
-    if isinstance(error, StopIteration):
+    if isinstance(error, _ZEROS):
         return "zeros or an early end mark"
     return (str(error).splitlines() or [type(error).__name__])[0]
 
@@ -159,20 +194,43 @@ def from_parquet(data: bytes) -> pa.Table | None:
 
     On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
     after its answer is printed (apache/arrow issue 34314). Raises OSError where the memory is short, or the file
-    declares more than a chunk has: a few MB can stand for any number of equal rows.
+    stands for more than a chunk has: a few bytes can stand for any number of equal rows, and rows for one long text.
     """
     try:
         file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
+        schema, text = file.schema_arrow, _text_columns(file.schema_arrow)
         rows, columns = file.metadata.num_rows, file.metadata.num_columns
-        if rows * columns <= _MOST_CELLS:
+        too_large = f"it declares {rows} rows of {columns} columns, more than any chunk has"
+        if max(rows * columns * _CELL_BYTES, _unpacked_bytes(file.metadata)) <= _MOST_DECODED:
+            # Text is read as numbers of different texts, since how long all of it is shows only then.
+            file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, read_dictionary=text)
             table = file.read(use_threads=False)
-            table.validate(full=True)
-            return table
+            too_large = "its text is longer than that of any chunk"
+            if sum(_text_bytes(table.column(name)) for name in text) <= _MOST_DECODED:
+                table = table.cast(schema)
+                table.validate(full=True)
+                return table
     except MemoryError:
         raise OSError(errno.ENOMEM, _NO_MEMORY) from None
     except _DAMAGE:
         return None
-    raise OSError(errno.EFBIG, f"it declares {rows} rows of {columns} columns, more than any chunk has")
+    raise OSError(errno.EFBIG, too_large)
+
+
+def _text_columns(schema: pa.Schema) -> list[str]:
+    return [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
+
+
+def _unpacked_bytes(metadata: pq.FileMetaData) -> int:
+    """Return the bytes of a file's pages once they are unpacked, but for what they state several times."""
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    return sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
+
+
+def _text_bytes(column: pa.ChunkedArray) -> int:
+    """Return the bytes of a column of text that was read as numbers of different texts."""
+    lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
+    return sum(pc.sum(one).as_py() or 0 for one in lengths)
 
 
 def _hold_memory(error: BaseException, size: int) -> None:

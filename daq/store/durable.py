@@ -91,6 +91,16 @@ def sync(fd: int) -> None:
     os.fsync(fd)
 
 
+def persist(path: Path) -> None:
+    """Make a file that is complete durable, and its name with it."""
+    fd = reopen(path)
+    try:
+        sync(fd)
+    finally:
+        close(fd)
+    sync_directory(path.parent)
+
+
 def again(fd: int) -> int:
     """Return another descriptor of an open file, which stays valid after the first is closed."""
     return os.dup(fd)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -51,7 +51,8 @@ class StatusRegister(Register):
 
     type: Number = "uint16"
     good: tuple[int, ...] = (0,)
-    doubtful: tuple[int, ...] = ()
+    doubtful: tuple[Annotated[int, Field(ge=-(2**31), lt=2**32)], ...] = ()
+    """Codes that a run keeps beside the reading: in 32 bits, signed or not."""
 
 
 class RegisterBlock(Part):

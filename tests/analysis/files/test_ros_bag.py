@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from mcap.writer import Writer
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 
+from analysis.files import ros_bag
 from analysis.files.ros_bag import MAGIC, table_of_bag
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
@@ -60,10 +63,10 @@ def number(mm: float) -> bytes:
     return b"\0\1\0\0" + struct.pack("<d", mm)
 
 
-def bag(*messages: tuple[str, str, int, bytes]) -> bytes:
+def bag(*messages: tuple[str, str, int, bytes], compression: CompressionType = CompressionType.ZSTD) -> bytes:
     """An MCAP of topic, type, ms and data."""
     out = io.BytesIO()
-    writer = Writer(out)
+    writer = Writer(out, compression=compression)
     writer.start(profile="ros2")
     channels: dict[str, int] = {}
     for topic, kind, ms, data in messages:
@@ -171,6 +174,26 @@ def test_a_bag_that_is_cut_or_damaged_is_one_line_or_what_is_left() -> None:
                 read(broken)
             except FileError as error:
                 assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
+    compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chunk may also state less than its frame unpacks to."""
+    monkeypatch.setattr(ros_bag, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
+    data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)
+    lying = data.replace(struct.pack("<Q", _largest_chunk(data)), struct.pack("<Q", 10), 1)
+    assert len(data) < 200_000 and lying != data
+    for one in (data, lying):
+        with pytest.raises(FileError, match=r"stands for more than 0\.001 GB once it is unpacked"):
+            read(one)
+    assert len(read(bag(*WHOLE, compression=compression))[1]) > 10
+
+
+def _largest_chunk(data: bytes) -> int:
+    records = StreamReader(io.BytesIO(data), emit_chunks=True).records
+    return max(one.uncompressed_size for one in records if isinstance(one, Chunk))
 
 
 def test_a_bag_of_the_rosbags_library_is_read(tmp_path: Path) -> None:

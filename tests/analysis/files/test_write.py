@@ -9,7 +9,7 @@ from typing import BinaryIO
 import pyarrow as pa
 import pytest
 
-from analysis.files.write import ROWS_AT_ONCE, holding, write_all_new, write_csv
+from analysis.files.write import ROWS_AT_ONCE, holding, write_all_new, write_csv, write_new
 from rigs.errors import CellError, FileError
 
 
@@ -23,6 +23,38 @@ def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="b: exists already; choose another directory"):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
     assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
+
+
+def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
+    path, seen = tmp_path / "table.csv", []
+
+    def look(file: BinaryIO) -> None:
+        file.write(b"half")
+        seen.append(path.exists())
+
+    write_new(path, look)
+    assert seen == [False] and [file.name for file in tmp_path.iterdir()] == ["table.csv"]
+
+
+@pytest.mark.parametrize("refusal", [OSError(1, "Operation not permitted"), None])
+def test_a_file_of_another_program_is_never_replaced(
+    refusal: OSError | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even one that comes while ours is being written, nor where the disk has no links."""
+    path = tmp_path / "table.csv"
+
+    def refuse(self: Path, target: Path) -> None:
+        assert refusal
+        raise refusal
+
+    if refusal:
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
+    with pytest.raises(FileError, match="exists already"):
+        write_new(path, lambda file: path.write_bytes(b"theirs"))
+    assert path.read_bytes() == b"theirs" and len(list(tmp_path.iterdir())) == 1
+    path.unlink()
+    write_new(path, holding(b"ours"))
+    assert path.read_bytes() == b"ours"
 
 
 @pytest.mark.parametrize(

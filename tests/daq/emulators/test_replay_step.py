@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -196,4 +197,44 @@ def test_the_daemon_hears_what_is_added_and_whole(tmp_path: Path) -> None:
         marks.write(out_of_step_line("robot", -4.2e6) + "nonsense\n" + "g1 +7")
     ((stream, fault),) = followed.read_new()
     assert stream == "robot" and fault.kind is FaultKind.OUT_OF_STEP and "-4.2 ms" in fault.detail
+    assert followed.read_new() == []
+    with file.open("a") as marks:
+        marks.write(".5\n")
+    ((stream, fault),) = followed.read_new()
+    assert stream == "g1" and "+7.5 ms" in fault.detail
+
+
+def test_the_daemon_hears_a_replay_that_starts_again(tmp_path: Path) -> None:
+    file = tmp_path / "marks"
+    file.write_text(5 * out_of_step_line("g1", 3e6))
+    followed = ReplayMarks(file)
+    followed.skip()
+    file.write_text(4 * out_of_step_line("g2", 3e6))
+    assert [stream for stream, _ in followed.read_new()] == ["g2"] * 4
+
+
+def _endless(path: Path) -> None:
+    path.write_bytes(b"1" * (2**20))
+    with path.open("ab") as file:
+        file.write(b"\n" + out_of_step_line("g1", 3e6).encode())
+
+
+@pytest.mark.parametrize(
+    ("make", "heard"),
+    [
+        (os.mkfifo, 0),
+        (lambda path: path.symlink_to("/dev/zero"), 0),
+        (lambda path: path.write_bytes(b"\xff\xfe\n" + out_of_step_line("g1", 3e6).encode()), 1),
+        (_endless, 1),
+    ],
+    ids=["a FIFO", "a device", "not UTF-8", "a long line"],
+)
+def test_marks_that_another_program_wrote_do_not_hold_the_daemon_up(
+    make: Callable[[Path], object], heard: int, tmp_path: Path
+) -> None:
+    file = tmp_path / "marks"
+    make(file)
+    followed = ReplayMarks(file)
+    assert sum(len(followed.read_new()) for _ in range(3)) == heard
+    followed.skip()
     assert followed.read_new() == []

@@ -7,11 +7,12 @@ import struct
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.register_values import fits, pack, unpack
-from rigs.schema.modbus import ModbusMap, ValueRegister
+from rigs.schema.modbus import ModbusMap, StatusRegister, ValueRegister
 from tests.support.drivers import PLAIN, TCP, gauge, keyence, modbus
 from tests.support.simulated_conversation import Script, asked
 
@@ -212,3 +213,15 @@ def test_an_orbit_probe_out_of_its_range() -> None:
         sent = script.receive(device.received(sent, 0).send).send
     (item,) = script.taken()
     assert isinstance(item, Fault) and "-1 to 1 mm" in item.detail
+
+
+def test_a_doubtful_status_that_a_run_cannot_keep_is_refused() -> None:
+    """A run holds it in 32 bits: cut to them, 2³² would mean good."""
+
+    def with_doubtful(code: int) -> StatusRegister:
+        return StatusRegister.model_validate({"address": 203, "type": "uint64", "doubtful": [code]})
+
+    assert [with_doubtful(code).doubtful for code in (-(2**31), 2**32 - 1)] == [(-(2**31),), (2**32 - 1,)]
+    for code in (2**32, 2**63, -(2**31) - 1):
+        with pytest.raises(ValidationError, match="doubtful"):
+            with_doubtful(code)

@@ -96,6 +96,21 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> 
         relabel(tmp_path / "lap", test="radial")
 
 
+def test_lines_that_cannot_be_verified_are_not_replaced(run: Path) -> None:
+    relabel(run, operator="anna")
+    relabel(run, operator="berta")
+    ledger = (run / LEDGER).read_bytes()
+    damaged = ledger.replace(b"anna", b"enna", 1)
+    (run / LEDGER).write_bytes(damaged)
+    with pytest.raises(FileError, match=r"lines in ledger\.jsonl that cannot be verified.*; run `rig recover"):
+        relabel(run, placement="wall")
+    assert (run / LEDGER).read_bytes() == damaged
+    recover(run)
+    relabel(run, placement="wall")
+    (kept,) = run.glob(f"{LEDGER}.torn*")
+    assert kept.read_bytes() == damaged
+
+
 def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(fd: int, data: bytes, offset: int) -> None:
         raise OSError(28, "No space left on device")

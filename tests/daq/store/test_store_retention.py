@@ -82,6 +82,20 @@ def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: p
     assert "could not be marked as exported, so rigd will not delete it: cannot be marked" in done.stderr
 
 
+def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else rigd deletes a run of which a power cut takes the copy."""
+    output, synced = run.parent.parent / "raw.mcap", []
+
+    def refuse(fd: int) -> None:
+        synced.append(os.fstat(fd).st_ino)
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(durable, "sync", refuse)
+    done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])
+    assert synced == [output.stat().st_ino] and not load_marks(run).exports
+    assert isinstance(done.exception, CellError) and "is not marked as exported" in str(done.exception)
+
+
 def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(run.parent.parent / "raw.mcap")])
     assert done.exit_code == 0 and done.stderr == ""

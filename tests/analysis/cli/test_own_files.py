@@ -1,0 +1,53 @@
+"""What a person has is not replaced: rig files that are read, and the name of a user that the system does not know."""
+
+from __future__ import annotations
+
+import getpass
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from analysis.cli.options import operator_or_user
+from rigs.load import SHIPPED
+from tests.support.bench import BIN
+from tests.support.command_line import ran
+
+
+@pytest.mark.parametrize("output", [".", "a/..", "link"])
+def test_an_emulated_cell_does_not_replace_the_rig_file_that_was_read(output: str, tmp_path: Path) -> None:
+    own = tmp_path / "rig.yaml"
+    own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
+    (tmp_path / "a").mkdir()
+    (tmp_path / "link").symlink_to(".")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    capture = tmp_path / "rig.yaml"
+    for command in (("emulate", own), ("replay", capture, own)):
+        done = ran(*command, "-o", tmp_path / output)
+        (line,) = done.stderr.splitlines()
+        assert done.returncode == 3 and "is the rig file that was read, and is not replaced; give another" in line
+    assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path: Path) -> None:
+    for _ in range(2):
+        done = subprocess.run(
+            [BIN / "rig", "emulate", "ur10e", "-o", tmp_path],
+            input="quit\n",
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "ready; next: rigd" in done.stdout
+
+
+@pytest.mark.parametrize("error", [KeyError("getpwuid(): uid not found: 54321"), OSError("No username set")])
+def test_a_user_without_a_name_is_no_operator(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container that runs under any user; Python 3.13 raises the latter."""
+
+    def unknown() -> str:
+        raise error
+
+    monkeypatch.setattr(getpass, "getuser", unknown)
+    assert operator_or_user("") == "" and operator_or_user("anna") == "anna"
