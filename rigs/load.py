@@ -60,6 +60,8 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
         raise _unreadable(path, error) from None
     if str(name) in known:
         return known[str(name)]
+    if path.is_dir():
+        raise FileError(str(name), f"is a directory, and no {what}", "give a file in it")
     raise FileError(str(name), f"no such {what}", f"give a path, or the name of a shipped {short}: {', '.join(known)}")
 
 

@@ -214,8 +214,8 @@ def calibrate(
     Returns `effects` with sizes and standard uncertainties, their `covariance`, the rms before and after in mm on
     readings used and left out, what the runs cannot distinguish, and `extended_rig`, the model with the effects.
 
-    Raises FileError where an effect is not known, where the runs show none of the effects, or where the fit does not
-    converge.
+    Raises UseError where an effect is not known, FileError where the runs show none of the effects, or where the fit
+    does not converge.
 
     Source: docs/calibration.md.
     """

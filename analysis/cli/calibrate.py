@@ -53,6 +53,8 @@ def calibrate(
     from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
+    if groups and not share:
+        raise UseError("--groups", "says how --share chooses, and is allowed only with it", "add --share 0.3, say")
     if output and output.exists():
         raise FileError(str(output), "exists already", "give another --output, or remove it first")
     aside = distinct(hold_out or ())

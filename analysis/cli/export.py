@@ -33,6 +33,8 @@ def export(
         return
     try:
         output.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise FileError(str(output), "is a file, and several runs need a directory", "give another --output") from None
     except OSError as error:
         raise FileError(str(output), error.strerror or str(error), "give another --output") from None
     for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))

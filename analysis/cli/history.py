@@ -38,7 +38,7 @@ def history(
         str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
     ] = None,
     since: Annotated[
-        datetime | None, typer.Option(metavar="DATE", formats=["%Y-%m-%d"], help="First day; default: all runs.")
+        datetime | None, typer.Option(metavar="YYYY-MM-DD", formats=["%Y-%m-%d"], help="First day; default: all runs.")
     ] = None,
     rig_file: Annotated[
         str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")

@@ -28,7 +28,10 @@ def live(
             help="Recorded run to play; give it again for the next; default: none.",
         ),
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time.")] = 1.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time; default: 1."),
+    ] = None,
     plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object each second.")] = False,
 ) -> None:
@@ -39,13 +42,18 @@ def live(
     of the daemon is printed once.
     """
     from analysis.live.terminal import is_terminal  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
 
+    if plain and as_json:
+        raise UseError("--plain and --json", "exclude each other", "give one of them")
+    if speed is not None and not run:
+        raise UseError("--speed", "is allowed only with --run", "give the run to play")
     in_lines = plain or as_json
     if run:
         from analysis.live.loop import RunPlayer, print_lines, watch  # noqa: PLC0415
         from analysis.live.played_run import played_run  # noqa: PLC0415
 
-        runs = [played_run(path, speed) for path in run]
+        runs = [played_run(path, speed or 1.0) for path in run]
         player, view = RunPlayer(runs), runs[0].begun()
         if in_lines or not is_terminal():
             print_lines(player, view, say, as_json=as_json)

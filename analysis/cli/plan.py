@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rigs.rig import Rig
 
-_LEAST_COLUMNS = 80
+_LEAST_COLUMNS, _MINUTES = 80, 60.0
 
 
 @command(app, "rig plan cell.yaml --propose --minutes 60 -o circles")
@@ -39,8 +39,11 @@ def plan(
         bool, typer.Option("--propose", help="Propose circles that make testable what these tests cannot show.")
     ] = False,
     minutes: Annotated[
-        float, typer.Option(min=1, max=10_000, help="With --propose: time for the proposed circles, set-up included.")
-    ] = 60.0,
+        float | None,
+        typer.Option(
+            min=1, max=10_000, help="With --propose: time for the proposed circles, set-up included; default: 60."
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="With --propose: directory for a rig file of each circle; default: none."),
@@ -53,12 +56,13 @@ def plan(
     from rigs.errors import UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    if output and not propose:
-        raise UseError("--output", "is allowed only with --propose", "add --propose")
+    for option, value in (("--output", output), ("--minutes", minutes)):
+        if value is not None and not propose:
+            raise UseError(option, "is allowed only with --propose", "add --propose")
     rig, text = load(rig_file)
     named = tests_named(rig, tests)
     if propose:
-        _propose(rig, text, named, runs, minutes, output, as_json=as_json)
+        _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
     else:
         _plan(rig, named, runs, as_json=as_json)
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from daq.emulators import Replay
 
+_MARKS = "out-of-step.txt"
+
 
 @command(app, "rig replay cell.capture cell.yaml -o replayed")
 def replay(
@@ -44,11 +46,11 @@ def replay(
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    path = rig_file_of_cell(directory, rig_file)
+    path = rig_file_of_cell(directory, _MARKS)
     capture = read_capture(log)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        played = Replay.open(rig, capture, directory / "out-of-step.txt")
+        played = Replay.open(rig, capture, directory / _MARKS)
         path.write_text(played.rig_text(text), encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

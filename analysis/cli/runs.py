@@ -35,7 +35,8 @@ def runs(
         say_json(found)
         return
     if not found:
-        say(f"{directory} holds no runs")
+        below = next((one for one in sorted(directory.iterdir()) if one.is_dir() and any(survey(one))), None)
+        say(f"{directory} holds no runs" + (f"; {below} does: rig runs {below}" if below else ""))
         return
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 

@@ -20,7 +20,7 @@ from analysis.correction.work import displaced_mm, position_u_mm, tool_poses, wo
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.effects import Effect
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import Maker
@@ -79,12 +79,12 @@ def controller_entries(
 ) -> ControllerEntries:
     """Return the changes at a controller for the effects of a rig that it has parameters for.
 
-    `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises FileError for a scale that the
+    `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises UseError for a scale that the
     controller has no use for.
     """
     controller = CONTROLLERS[name]
     if scale and not controller.scale:
-        raise FileError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
+        raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
     entered = _entered(found, controller)
     others = [one for one in found if one not in entered]
     q = work_angles(rig)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.schema.vocabulary import Maker
 
 
@@ -152,7 +152,7 @@ mm to its units; each states its public source."""
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
-    """Return the scale of each axis (6,) from a comma-separated list, or None for none. Raises FileError for anything
+    """Return the scale of each axis (6,) from a comma-separated list, or None for none. Raises UseError for anything
     but six numbers other than zero."""
     if text is None:
         return None
@@ -161,5 +161,5 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
     except ValueError:
         scale = ()
     if len(scale) != 6 or not all(math.isfinite(one) and one for one in scale):
-        raise FileError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
+        raise UseError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
     return scale

@@ -13,7 +13,7 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 
@@ -41,13 +41,14 @@ def correct_rig(
 ) -> Corrections:
     """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
-    Raises FileError for a rig without effects, and for a path that cannot be read or reached."""
+    Raises FileError for a rig without effects, and for a path that cannot be read or reached; UseError for `entered`
+    without what it needs."""
     if not rig.effects:
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
         )
     if entered and not (path and controller):
-        raise FileError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
+        raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
     found = supports(rig)
     entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(found), link_constants(rig, found)

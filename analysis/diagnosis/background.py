@@ -216,13 +216,13 @@ class Posterior:
         return found
 
     def covariance_among(self, columns: Integers) -> Array:
-        """Return the covariances (…, q, q) among columns (…, q) of the background."""
+        """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
         taken = self._taken[:, :-1][columns]
         own = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return np.asarray(own + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the columns of the background with a vector (p,)."""
+        """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
         found: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
         return found

@@ -40,7 +40,7 @@ from analysis.model.predict import Model, SetUp, model_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
 from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave
 
@@ -65,7 +65,8 @@ def calibrate_runs(
     """Return the calibration of the effects that `words` choose, on top of those of the rig; readings are (m, k) mm.
 
     It is judged on the runs `judges` and on a share of the readings of each run. Runs that cannot share one frame get a
-    set-up each, first by the initial model and, where that was too inaccurate, by the fitted one. Raises FileError.
+    set-up each, first by the initial model and, where that was too inaccurate, by the fitted one. Raises UseError for
+    an unknown effect, and FileError.
     """
     names = [run.run.manifest.name for run in (*runs, *judges)]
     whole, doubts = split_by_frame(model_of(rig), observe_runs(rig, [*runs, *judges]), names)
@@ -139,7 +140,7 @@ def _background(wanted: Sequence[Effect]) -> list[Effect]:
     """Return every effect that is not requested at its healthy size, as far as its places can be listed."""
     asked, found = {_place(one) for one in wanted}, []
     for name in VOCABULARY:
-        with suppress(FileError):
+        with suppress(UseError):
             found += [one for one in parse_effects(name) if _place(one) not in asked]
     return [one.model_copy(update={size_field(one): healthy_size(one)}) for one in found]
 

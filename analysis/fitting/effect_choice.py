@@ -10,28 +10,28 @@ import re
 from itertools import product
 
 from rigs.effects import VOCABULARY, Effect, one_sided
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.schema.effect import healthy, phases, scaled
 
 
 def parse_effects(words: str) -> list[Effect]:
-    """Return the effects of a list, each once, bounded ones at half a healthy size. Raises FileError for an unknown
+    """Return the effects of a list, each once, bounded ones at half a healthy size. Raises UseError for an unknown
     effect or place."""
     found = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word)]
     if not found:
-        raise FileError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
+        raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(found))
 
 
 def _expanded(word: str) -> list[Effect]:
     name, _, place = word.partition(":")
     if name not in VOCABULARY:
-        raise FileError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
+        raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
     written = VOCABULARY[name].PLACE
     match = re.fullmatch(written.pattern, place, re.ASCII)
     if not match:
         example = f"{name}:{written.example}" if written.example else name
-        raise FileError(f"--fit {word}", f"{place!r} is no place of {name}", f"write {example}")
+        raise UseError(f"--fit {word}", f"{place!r} is no place of {name}", f"write {example}")
     keys = {key: (value,) if value is not None else written.every[key] for key, value in match.groupdict().items()}
     starts = [_starting_effect(word, name, dict(zip(keys, values, strict=True))) for values in product(*keys.values())]
     return [half for effect in starts for half in phases(effect)]
@@ -42,5 +42,5 @@ def _starting_effect(word: str, name: str, keys: dict[str, str]) -> Effect:
     try:
         effect = VOCABULARY[name].model_validate(keys)
     except ValueError:
-        raise FileError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
+        raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
     return scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0)

@@ -15,20 +15,26 @@ from analysis.history.history_file import escaped
 from analysis.history.records import Record
 from daq.store import durable
 from rigs.errors import FileError
+from rigs.files import read_from
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+_PARQUET = b"PAR1"
+"""What a Parquet file begins with."""
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
     """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot
     at a time. A run without figures has one row, whose `problem` says why.
 
-    Raises FileError where it cannot be written.
+    Raises FileError where it cannot be written, or the file that is there is no such table.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
 
+    _hold_table(path)
     schema = _schema()
     temporary = path.with_name(path.name + durable.TEMPORARY)
     try:
@@ -46,6 +52,17 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         if isinstance(error, OSError):
             raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
         raise
+
+
+def _hold_table(path: Path) -> None:
+    try:
+        begin, _ = read_from(path, 0, len(_PARQUET))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+    if begin != _PARQUET:
+        raise FileError(str(path), "exists already, and is no Parquet file", "give another --parquet, or remove it")
 
 
 def _schema() -> pa.Schema:

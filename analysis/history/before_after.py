@@ -35,16 +35,22 @@ Key = tuple[str, str, str]
 @dataclass(frozen=True)
 class Difference:
     """A figure of one test before and after. difference: after less before, u infinite where no spread is known;
-    is_larger: more than the spread between runs explains; runs_before, runs_after: how many."""
+    explained: the largest difference that the spread between runs explains, infinite where none is known; runs_before,
+    runs_after: how many."""
 
     title: str
     figure: str
     before: float
     after: float
     difference: Quantity
-    is_larger: bool
+    explained: float
     runs_before: int
     runs_after: int
+
+    @property
+    def is_larger(self) -> bool:
+        """Whether the difference is more than the spread between runs explains."""
+        return abs(self.difference.value) > self.explained
 
     @property
     def sentence(self) -> str:
@@ -55,9 +61,8 @@ class Difference:
                 "a single run on either side shows no spread: repeat them."
             )
         verb = "rose" if one.value > 0 else "fell"
-        verdict = (
-            "more than the spread between runs explains" if self.is_larger else "the spread between runs explains it"
-        )
+        verdict = f"{'more than' if self.is_larger else 'within'} the {one.rounded(self.explained)} {one.sign} that "
+        verdict += "the spread between runs explains"
         return (
             f"{self._what} {verb} from {one.rounded(self.before)} to {one.rounded(self.after)} {one.sign}, "
             f"by {one.rounded(abs(one.value))} ± {one.rounded(one.u)} {one.sign}: {verdict}."
@@ -70,7 +75,7 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """The same for scripts, with its sentence; u is null where no spread is known."""
-        plain: dict[str, Any] = for_json(asdict(self) | {"sentence": self.sentence})
+        plain: dict[str, Any] = for_json(asdict(self) | {"is_larger": self.is_larger, "sentence": self.sentence})
         return plain
 
 
@@ -165,15 +170,14 @@ def _difference(
     spread, of_history = _spread_of_history(key, figure, known)
     freedom, squares = freedom + of_history, squares + of_history * spread**2
     unit = before[0].figures[figure].unit
-    u, is_larger = np.inf, False
+    u = limit = np.inf
     if freedom > 0:
         error = float(np.sqrt(squares / freedom * sum(1 / len(side) for side in sides)))
         u = error * float(student.ppf((1 + _TWO_SIGMA) / 2, freedom)) / 2
         limit = error * float(student.ppf(1 - FALSE_ALARMS / count / 2, freedom))
-        is_larger = abs(now - then) > limit
     title = ", ".join([key[0], *([f"at {key[1]}"] if key[1] else [])])
     difference = Quantity(now - then, u, unit)
-    return Difference(title, figure, then, now, difference, is_larger, len(before), len(after))
+    return Difference(title, figure, then, now, difference, limit, len(before), len(after))
 
 
 def _spread_of_history(key: Key, figure: str, known: dict[Path, dict[str, Record]]) -> tuple[float, float]:

@@ -52,7 +52,7 @@ class Change:
 @dataclass(frozen=True)
 class Trend:
     """What was found in a series: its changes in order of time; wild (n,): which runs were left out; spread: standard
-    deviation from run to run, in the figure's unit, which changes and wild runs do not add to."""
+    deviation from run to run, in the figure's unit, which changes and wild runs do not add to; nan of a single run."""
 
     changes: tuple[Change, ...]
     wild: Mask
@@ -95,7 +95,7 @@ def wild_runs(values: Array, u: Array) -> Mask:
 def _spread(values: Array) -> float:
     """Standard deviation from one run to the next, which a step or a slow rise hardly changes."""
     if len(values) < 2:
-        return 0.0
+        return float("nan")
     return float(_TO_SD * np.median(np.abs(np.diff(values))) / np.sqrt(2))
 
 

@@ -14,7 +14,7 @@ from analysis.history.records import Record
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
 from analysis.reporting.labels import label
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.schema.limits import Limit, Limits
 
 WATCHED = (
@@ -91,14 +91,15 @@ def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
     """The series of a robot's runs and their changes; figure: this one alone, by the name of docs/figures.md; since:
-    runs from this day on; limits: instead of those of the newest run. Raises FileError where nothing is left."""
+    runs from this day on; limits: instead of those of the newest run. Raises UseError for an unknown figure,
+    and FileError where nothing is left."""
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
         problem = "no run has figures" if since is None else f"no run since {since} has figures"
         raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
     if figure is not None and figure not in names:
-        raise FileError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
+        raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
     tolerances = collected.limits if limits is None else limits
     picked = [
         (title, name, own)

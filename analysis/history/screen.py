@@ -64,27 +64,30 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
     for heading in ("before", "after", "difference", "u"):
         table.add_column(heading, justify="right")
     table.add_column("")
-    table.add_column("more than the spread")
+    table.add_column("explained", justify="right")
+    table.add_column("more than that")
     title = ""
     for one in found:
         by = one.difference
         is_known = bool(np.isfinite(by.u))
         verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
         cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
-        cells += [by.rounded(by.u) if is_known else "", by.sign, verdict]
+        cells += [by.rounded(by.u), by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
+        cells.append(verdict)
         name = "" if one.title == title else one.title
         table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
         title = one.title
     counts = f"runs: {max(one.runs_before for one in found)} before, {max(one.runs_after for one in found)} after"
-    u = f"u is the standard uncertainty by the spread between runs; {counts}"
+    u = f"u: standard uncertainty by the spread between runs; explained: what that spread explains; {counts}"
     return Group(*found_first, whole(table), Text(u, style="dim"))
 
 
 def _cells(series: Series) -> tuple[str, str, str, str]:
     quantities = series.quantities
-    by = Quantity(0.0, series.trend.spread or quantities[-1].u, quantities[-1].unit)
+    spread = series.trend.spread
+    by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
     first, last = (by.rounded(one.value) for one in (quantities[0], quantities[-1]))
-    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded(series.trend.spread)
+    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded(spread) if np.isfinite(spread) else "–"
 
 
 def _mark(series: Series) -> str:

@@ -91,15 +91,18 @@ def figures(view: LiveView) -> dict[str, Any]:
     }
 
 
-def plain_line(view: LiveView, units: Units) -> str:
-    """Return the present figures in one line for a screen reader or a log."""
+def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
+    """Return the present figures in one line for a screen reader or a log, less the zeros of both gauges in mm."""
     if view.lost:
         return view.lost
     parts = [f"at {view.played.at_s:.1f} s"] if view.played else []
+    zeros = dict(zip(("g1", "g2"), zero_mm, strict=True))
     for name, reading in view.readings.items():
         old = f" ({reading.age_s:.0f} s old)" if reading.age_s > OLD_S else ""
-        parts.append(f"{name} {reading.mm * units.per_mm:.{units.decimals}f} {units.name}{old}")
-    if (degrees := angle_deg(view)) is not None:
+        zero = zeros.get(name, 0.0)
+        less = f" less {zero * units.per_mm:.{units.decimals}f}" if zero else ""
+        parts.append(f"{name} {(reading.mm - zero) * units.per_mm:.{units.decimals}f} {units.name}{less}{old}")
+    if (degrees := angle_deg(view, zero_mm)) is not None:
         parts.append(f"{angle_name(view)} {degrees:.4f}°")
     if (phi := phi_deg(view)) is not None:
         share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]

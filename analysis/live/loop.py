@@ -131,8 +131,9 @@ def print_lines(source: Source, view: LiveView, say: Callable[[str], None], *, a
     with suppress(KeyboardInterrupt):
         while True:
             view, _ = _advanced(view, source)
-            say(json.dumps(figures(view)) if as_json else plain_line(view, controls.units))
-            sys.stdout.flush()
+            if view.cell is not None or view.lost:  # the daemon has answered, or cannot
+                say(json.dumps(figures(view)) if as_json else plain_line(view, controls.units))
+                sys.stdout.flush()
             if source.ended:
                 return
             time.sleep(_LINE_S)

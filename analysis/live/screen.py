@@ -34,7 +34,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
 
 def _small(area: Area, view: LiveView, controls: Controls) -> None:
     """Figures without pictures, a row each, as many as there is room for."""
-    rows = [part.strip() for part in plain_line(view, controls.units).split(";")]
+    rows = [part.strip() for part in plain_line(view, controls.units, controls.zero_mm).split(";")]
     for row, words in enumerate(rows[: area.height]):
         area.put(row, 0, words)
     if area.height > len(rows):

@@ -34,7 +34,7 @@ def as_table(found: Calibration) -> RenderableType:
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
     determined = Text(
-        f"{found.identified_combinations} combinations of {_asked(found)} parameters are determined by these readings",
+        f"determined by these readings: {found.identified_combinations} of {_asked(found)} combinations of parameters",
         style="dim",
     )
     weak_parameters = [Text(str(one), style="yellow") for one in found.weak_parameters]

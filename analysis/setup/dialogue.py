@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TextIO, TypeVar
 
-from rigs.errors import FileError, RigError
+from rigs.errors import RigError, UseError
 
 T = TypeVar("T")
 _EVERY_S = 0.1
@@ -39,11 +39,11 @@ class Dialogue:
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
         """Ask until `read` understands the answer; again only by the last line of the question.
 
-        option: what answers the question without a terminal. Raises FileError without a terminal, and Stopped.
+        option: what answers the question without a terminal. Raises UseError without a terminal, and Stopped.
         """
         if not self.terminal:
             if usual is None:
-                raise FileError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
+                raise UseError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
         if explained:

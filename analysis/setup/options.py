@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.schema.part import Part
 from rigs.yaml_text import read_yaml
 
@@ -37,25 +37,25 @@ class Options:
 
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the keys of a rig file, given as `g1.range_mm=10`, by section. Raises FileError."""
+    """Return the keys of a rig file, given as `g1.range_mm=10`, by section. Raises UseError."""
     found: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
     for text in texts:
         place, equals, value = text.partition("=")
         section, _, key = place.partition(".")
         if not equals or section not in found or not key:
-            raise FileError(f"--key {text}", "is not SECTION.KEY=VALUE", "write it as --key g1.range_mm=10")
+            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", "write it as --key g1.range_mm=10")
         found[section][key] = written(value, f"--key {text}")
     return found
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return where g1 and g2 are, as far as they are given. Raises FileError for g2 alone, and for the interface of a
+    """Return where g1 and g2 are, as far as they are given. Raises UseError for g2 alone, and for the interface of a
     gauge whose place is not given."""
     if g2 is not None and g1 is None:
-        raise FileError("--g2", "is given without --g1", "give both, or neither")
+        raise UseError("--g2", "is given without --g1", "give both, or neither")
     for gauge, place in (("g1", g1), ("g2", g2)):
         if "interface" in keys[gauge] and place is None:
-            raise FileError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
+            raise UseError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
     return tuple(place for place in (g1, g2) if place is not None)
 
 

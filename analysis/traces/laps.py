@@ -255,7 +255,7 @@ def _is_this_direction(where: str, forth: float, back: float, direction: str) ->
         raise FileError(
             where,
             f"is labelled {direction}, the robot moved {other}",
-            f"correct it: rig relabel RUN --direction {other}",
+            f"correct it: rig relabel RUN --direction {other}, or import the table again without a direction column",
         )
 
 

@@ -34,7 +34,7 @@ from daq.store import RunWriter
 from daq.store.records import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
-from rigs.errors import CellError, RigError
+from rigs.errors import CellError, RigError, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import plain
@@ -248,9 +248,9 @@ def _label(request: dict[str, Any]) -> Label:
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         pattern = detail["type"] == "string_pattern_mismatch"
         what = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
-        raise CellError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
+        raise UseError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
     if label.test in CIRCLES and label.direction is None:
-        raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
+        raise UseError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
     if label.test not in CIRCLES and label.direction is not None:
-        raise CellError(f"{label.test} test", "has no direction", "leave --direction out")
+        raise UseError(f"{label.test} test", "has no direction", "leave --direction out")
     return label

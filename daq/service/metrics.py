@@ -57,7 +57,7 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         return tuple(({"stream": name}, float(stream[key])) for name, stream in streams.items())
 
     yield Metric("rig_connected", "gauge", "1 while the link is open.", each("connected"))
-    yield Metric("rig_rate_hertz", "gauge", "Samples in a second, lately.", each("rate_hz"))
+    yield Metric("rig_rate_hertz", "gauge", "Samples per second, in the last seconds.", each("rate_hz"))
     yield Metric("rig_queue_items", "gauge", "Samples and faults that wait for the writer.", each("waiting"))
     samples = tuple(({"stream": name}, s["counters"].get("samples", 0)) for name, s in streams.items())
     yield Metric("rig_samples_total", "counter", "Samples since the daemon started.", samples)

@@ -6,6 +6,7 @@ chunk is durable, so that an import cut off is seen, and brought back or given u
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path
 
@@ -121,4 +122,6 @@ def _name(path: Path) -> str:
 
 def _refused(path: Path, error: Exception) -> CellError:
     what = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-    return CellError(str(path), f"cannot be written: {what}", "make room or choose another directory")
+    is_full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    remedy = "make room or choose another directory" if is_full else "choose another directory"
+    return CellError(str(path), f"cannot be written: {what}", remedy)

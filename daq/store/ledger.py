@@ -38,12 +38,14 @@ class Entry(Record):
 
 @dataclass(frozen=True)
 class Verified:
-    """The lines of a ledger that verify. size: their bytes; last: SHA-256 of the last one; unread: bytes after it."""
+    """The lines of a ledger that verify. size: their bytes; last: SHA-256 of the last one; unread: bytes after it;
+    unread_lines: how many whole lines these hold, none where a crash has left one half-written."""
 
     entries: tuple[Entry, ...] = ()
     size: int = 0
     last: str = ""
     unread: int = 0
+    unread_lines: int = 0
 
 
 def verified(data: bytes) -> Verified:
@@ -56,7 +58,7 @@ def verified(data: bytes) -> Verified:
             break
         entries.append(entry)
         size, last = size + len(line) + 1, line[len(b'{"sha256":"') :][:64].decode()
-    return Verified(tuple(entries), size, last, len(data) - size)
+    return Verified(tuple(entries), size, last, len(data) - size, data.count(b"\n", size))
 
 
 def _entry(line: bytes, before: str) -> Entry | None:

@@ -43,7 +43,7 @@ def relabel(
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
                 raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
-            if read_ledger(run).unread:
+            if read_ledger(run).unread_lines:
                 what = f"has lines in {LEDGER} that cannot be verified, and a correction would replace them"
                 raise FileError(str(run), what, f"run `rig recover {run}`, which keeps them")
             changed = _relabelled(run, manifest, test, direction, operator, placement)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from daq.store import durable
 from daq.store.ledger import LEDGER, read_ledger
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
@@ -128,12 +130,25 @@ def _ledger(path: Path, manifest: Manifest) -> list[str]:
 def _manifest(path: Path, manifest: Manifest) -> list[str]:
     problems = []
     if manifest.exit_status == "recording":
-        problems.append(f"{path}: was never ended; it is being recorded or it crashed")
+        problems.append(f"{path}: {_unended(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
     if manifest.table and not manifest.chunks_of(TABLE):
         problems.append(f"{path}: its table is not there; import {manifest.table.file} again")
     return problems
+
+
+def _is_recorded(path: Path) -> bool:
+    """Return whether a process is writing a run; False where this user may not look."""
+    with suppress(OSError):
+        return durable.is_locked(path)
+    return False
+
+
+def _unended(path: Path) -> str:
+    if _is_recorded(path):
+        return "is being recorded; wait for its end, or end it: rig record stop"
+    return f"was never ended: the recording crashed; run `rig recover {path}`"
 
 
 def _marks(path: Path) -> list[str]:
@@ -145,6 +160,8 @@ def _marks(path: Path) -> list[str]:
 
 
 def _left_over(path: Path, manifest: Manifest) -> list[str]:
+    if manifest.exit_status == "recording" and _is_recorded(path):
+        return []  # each chunk enters the ledger once it is full
     where = "manifest" if manifest.version == 1 else "ledger"
     return [f"{file}: is not in the {where}; run `rig recover {path}`" for file in left_over(path, manifest)]
 

@@ -121,7 +121,8 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; give another --parquet"),
-        (("plant", "--parquet", "letter/x"), "error: letter/x: File exists; give another --parquet"),
+        (("plant", "--parquet", "letter"), "error: letter: exists already, and is no Parquet file; give another"),
+        (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; give another --parquet"),
     ],
 )
 def test_what_is_wrong_is_one_line(

@@ -81,7 +81,7 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     assert "fewer than 8 runs" in " ".join(answer["remarks"]) and not answer["sentences"]
     for options, kind, words in (
         (["--since", "2027-01-01"], FileError, "no run since 2027-01-01"),
-        (["--figure", "nothing"], FileError, "'nothing'"),
+        (["--figure", "nothing"], UseError, "'nothing'"),
         (["--json", "--csv"], UseError, "cannot both be printed"),
     ):
         with pytest.raises(kind, match=words):

@@ -180,15 +180,15 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "code", "says"),
     [
-        ([], 3, "--robot: is not given"),
+        ([], 2, "--robot: is not given"),
         (["--robot", "tcp://127.0.0.1:1"], 4, "connection refused"),
-        (["--g2", "/dev/none"], 3, "--g1"),
-        (["--key", "nonsense"], 3, "SECTION.KEY=VALUE"),
-        (["--key", "g3.units=mm"], 3, "SECTION.KEY=VALUE"),
+        (["--g2", "/dev/none"], 2, "--g1"),
+        (["--key", "nonsense"], 2, "SECTION.KEY=VALUE"),
+        (["--key", "g3.units=mm"], 2, "SECTION.KEY=VALUE"),
         (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
         (["--baseline-mm", "0"], 2, "baseline-mm"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
-        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 3, "give --g1 PORT"),
+        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:

@@ -19,7 +19,7 @@ from analysis.cli import app
 from analysis.correction.controllers import CONTROLLERS
 from analysis.correction.correct import correct_rig
 from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
-from rigs.errors import FileError
+from rigs.errors import UseError
 from rigs.extend import extended
 from rigs.load import load
 from rigs.schema.vocabulary import Maker, maker_of
@@ -232,7 +232,7 @@ def test_an_axis_that_goes_with_another_motor_has_no_count_of_its_own(tmp_path: 
 def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), *options])
-    assert isinstance(done.exception, FileError)
+    assert isinstance(done.exception, UseError)
     (line,) = done.exception.lines()
     assert told in line
     assert not (tmp_path / "out").exists()

@@ -22,7 +22,7 @@ from rigs.effects import (
     healthy_size,
     size_field,
 )
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import load
 
 RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
@@ -185,7 +185,7 @@ def test_words_stand_for_effects(words: str, count: int) -> None:
     ],
 )
 def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
-    with pytest.raises(FileError, match="--fit"):
+    with pytest.raises(UseError, match="--fit"):
         parse_effects(word)
 
 

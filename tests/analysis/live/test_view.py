@@ -186,6 +186,8 @@ def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
     assert nothing["angle_deg"] is None and nothing["phi_deg"] is None and nothing["gauges"] == {}
     assert plain_line(LiveView(lost="gone"), UNITS[0]) == "gone"
     assert "0.1000 mm" in plain_line(LiveView(readings={"g1": Reading(0.1, 0.0)}), UNITS[0])
+    zeroed = plain_line(LiveView(readings={"g1": Reading(0.1, 0.0), "g2": Reading(0.3, 0.0)}), UNITS[0], (0.02, 0.0))
+    assert "g1 0.0800 mm less 0.0200; g2 0.3000 mm;" in zeroed
     assert "5 s old" in plain_line(LiveView(readings={"g1": Reading(0.1, 5.0)}), UNITS[0])
 
 

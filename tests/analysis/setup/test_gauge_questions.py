@@ -16,7 +16,7 @@ from analysis.setup.dialogue import Dialogue, Stopped
 from analysis.setup.gauge_questions import ask_gauges
 from analysis.setup.options import Options
 from daq.discovery import PortReport, Wanted
-from rigs.errors import FileError
+from rigs.errors import UseError
 
 HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
 
@@ -41,7 +41,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
     master, slave = os.openpty()
     os.write(master, f"{typed}\x04".encode())  # Ctrl-D at the next question
     try:
-        with os.fdopen(slave) as keyboard, pytest.raises(Stopped if terminal else FileError) as ended:
+        with os.fdopen(slave) as keyboard, pytest.raises(Stopped if terminal else UseError) as ended:
             dialogue = Dialogue(said.append, lambda doing: nullcontext(lambda doing: None), terminal, keyboard, screen)
             ask_gauges(Answers(), options(*ports), dialogue)
     finally:

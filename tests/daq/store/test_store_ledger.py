@@ -333,6 +333,13 @@ def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path: Path)
         assert len(verify(writer.path)) == lines
 
 
+def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    assert verify(writer.path) == [f"{writer.path}: is being recorded; wait for its end, or end it: rig record stop"]
+    crash(writer)
+    assert any("the recording crashed; run `rig recover" in line for line in verify(writer.path))
+
+
 def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     assert said(path).startswith("not whole") and "was never ended" in said(path)
