@@ -57,9 +57,9 @@ def write_new(path: Path, write: Writer) -> None:
 
     Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
     """
-    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         _hold_free(path)
+        temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
         file = temporary.open("xb")
     except FileExistsError:
         raise _exists(path) from None

@@ -36,6 +36,12 @@ def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
     assert seen == [False] and [file.name for file in tmp_path.iterdir()] == ["table.csv"]
 
 
+@pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
+def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
+    with pytest.raises(FileError, match="exists already; give another --output"):
+        write_new(Path(path), holding(b"x"))
+
+
 @pytest.mark.parametrize("refusal", [OSError(1, "Operation not permitted"), None])
 def test_a_file_of_another_program_is_never_replaced(
     refusal: OSError | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
