@@ -37,6 +37,8 @@ _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
 _MOST_UNPACKED = 2_000_000_000
 """Bytes of all chunks of a bag once they are unpacked: eight times the largest file."""
+_PIECE = 1_000_000
+"""Bytes that are unpacked at a time to count them."""
 _JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 
@@ -148,12 +150,21 @@ def _unpacked_bytes(data: bytes) -> int:
 
 
 def _frame_bytes(chunk: Chunk) -> int:
-    """Return the bytes that the frame of a compressed chunk stands for by its own word, as far as it has one."""
+    """Return the bytes that the frame of a compressed chunk unpacks to, as far as that is known before."""
     if chunk.compression == "zstd":
         return int(zstandard.frame_content_size(chunk.data))  # -1: unknown, and unpacked no further than the chunk says
-    if chunk.compression == "lz4":
-        return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=_MOST_UNPACKED + 1))
-    return len(chunk.data)
+    return _lz4_bytes(chunk.data) if chunk.compression == "lz4" else len(chunk.data)
+
+
+def _lz4_bytes(data: bytes) -> int:
+    """Return the bytes that an lz4 frame unpacks to, a piece at a time: it need not state them."""
+    frame, total = lz4.frame.LZ4FrameDecompressor(), 0
+    while not frame.eof and total <= _MOST_UNPACKED:
+        piece = frame.decompress(data, max_length=_PIECE)
+        if not piece and frame.needs_input:
+            break  # it is cut off, as its reader will find
+        data, total = b"", total + len(piece)
+    return total
 
 
 def _kind(schema: Schema | None, channel: Channel) -> str:

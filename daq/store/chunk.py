@@ -222,7 +222,7 @@ def _text_columns(schema: pa.Schema) -> list[str]:
 
 
 def _unpacked_bytes(metadata: pq.FileMetaData) -> int:
-    """Return the bytes of a file's pages once they are unpacked, but for what they state several times."""
+    """Return the bytes of a file's pages once they are unpacked; a value of a dictionary counts once."""
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     return sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
 
