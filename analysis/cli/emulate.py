@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from analysis.simulation.emulated_robot import EmulatedRobot
 
-_TRUTH = "truth.json"
+TRUTH, MARKS = "truth.json", "out-of-step.txt"
+"""Files beside the rig file of an emulated cell, and of a replayed one."""
 HiddenEffects = Annotated[
     str | None,
     typer.Option(
@@ -56,14 +57,14 @@ def emulate(
     from rigs.load import load, load_hidden  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    path = rig_file_of_cell(directory, _TRUTH)
+    path = rig_file_of_cell(directory)
     rig = load_hidden(effects).within(rig) if effects else rig
     robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         path.write_text(cell.rig_text(text), encoding="utf-8")
-        (directory / _TRUTH).write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
+        (directory / TRUTH).write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     ends: SimpleQueue[int] = SimpleQueue()
@@ -83,13 +84,13 @@ def emulate(
     raise typer.Exit(exit_code)
 
 
-def rig_file_of_cell(directory: Path, beside: str) -> Path:
-    """Return where to write the rig file of an emulated cell. One of an earlier cell, which has the file `beside`
-    beside it, is replaced; raises FileError for any other rig file."""
+def rig_file_of_cell(directory: Path) -> Path:
+    """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
+    FileError for any other rig file."""
     from rigs.errors import FileError  # noqa: PLC0415
 
     path = directory / "rig.yaml"
-    if path.exists() and not (directory / beside).exists():
+    if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
     return path
 

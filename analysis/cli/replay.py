@@ -10,14 +10,12 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.emulate import rig_file_of_cell
+from analysis.cli.emulate import MARKS, rig_file_of_cell
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
 
     from daq.emulators import Replay
-
-_MARKS = "out-of-step.txt"
 
 
 @command(app, "rig replay cell.capture cell.yaml -o replayed")
@@ -46,11 +44,11 @@ def replay(
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    path = rig_file_of_cell(directory, _MARKS)
+    path = rig_file_of_cell(directory)
     capture = read_capture(log)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        played = Replay.open(rig, capture, directory / _MARKS)
+        played = Replay.open(rig, capture, directory / MARKS)
         path.write_text(played.rig_text(text), encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

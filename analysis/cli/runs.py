@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,7 +36,7 @@ def runs(
         say_json(found)
         return
     if not found:
-        below = next((one for one in sorted(directory.iterdir()) if one.is_dir() and any(survey(one))), None)
+        below = next(filter(_holds_runs, sorted(directory.iterdir())), None)
         say(f"{directory} holds no runs" + (f"; {below} does: rig runs {below}" if below else ""))
         return
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -44,6 +45,15 @@ def runs(
     whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)
+
+
+def _holds_runs(directory: Path) -> bool:
+    from daq.store import survey  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    with suppress(FileError, OSError):
+        return directory.is_dir() and any(survey(directory))
+    return False
 
 
 @command(app, "rig keep runs/lap-acw runs/lap-cw")
