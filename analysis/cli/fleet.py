@@ -62,6 +62,10 @@ def fleet(
         from analysis.reporting.page.write_page import hold_page  # noqa: PLC0415
 
         hold_page(output)
+    if parquet:
+        from analysis.fleet import table  # noqa: PLC0415
+
+        table.refuse_foreign(parquet)
     if catalogue:
         kept.refuse_foreign(catalogue)
     file = catalogue or kept.default_path(directory)

@@ -41,7 +41,9 @@ def plan(
     minutes: Annotated[
         float | None,
         typer.Option(
-            min=1, max=10_000, help="With --propose: time for the proposed circles, set-up included; default: 60."
+            min=1,
+            max=10_000,
+            help=f"With --propose: time for the proposed circles, set-up included; default: {_MINUTES:g}.",
         ),
     ] = None,
     output: Annotated[

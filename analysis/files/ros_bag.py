@@ -105,22 +105,18 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     tracks |= {f"/{name}": _Track(_NUMBER, _number, [], []) for name, _ in rig.gauges}
     found: dict[str, str] = {}
     try:
-        unpacked = _unpacked_bytes(data)
-    except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise _damaged(where, error) from None
-    if unpacked > _MOST_UNPACKED:
-        what = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
-        raise FileError(where, what, "record the topics of joints and gauges alone, or import it in several runs")
-    try:
+        _hold_size(data, where)
         for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
             found[channel.topic] = _kind(schema, channel)
             track = tracks.get(channel.topic)
             if track and found[channel.topic] == track.schema and len(track.ns) < _MOST_MESSAGES:
                 track.add(message.log_time, message.data)
+    except FileError:
+        raise
     except MemoryError:
         raise out_of_memory(Path(where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise _damaged(where, error) from None
+        raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
     for topic, track in tracks.items():
         if len(track.ns) >= _MOST_MESSAGES:
             raise FileError(where, f"has more than {_MOST_MESSAGES} messages of {topic}", "import it in several runs")
@@ -133,20 +129,16 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     return tracks
 
 
-def _damaged(where: str, error: Exception) -> FileError:
-    return FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again")
-
-
-def _unpacked_bytes(data: bytes) -> int:
-    """Return the bytes that the chunks of a bag stand for, counted no further than the limit: a few bytes can stand for
-    any number, and the reader of bags unpacks whatever a chunk states."""
+def _hold_size(data: bytes, where: str) -> None:
+    """Raise FileError where the chunks of a bag stand for more than the limit: a few bytes can stand for any number,
+    and the reader of bags unpacks whatever a chunk states."""
     total = 0
     for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
         if isinstance(record, Chunk):
             total += max(record.uncompressed_size, _frame_bytes(record))
         if total > _MOST_UNPACKED:
-            break
-    return total
+            what = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+            raise FileError(where, what, "record the topics of joints and gauges alone, or import it in several runs")
 
 
 def _frame_bytes(chunk: Chunk) -> int:

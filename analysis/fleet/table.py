@@ -29,12 +29,11 @@ def write_figures(fleet: Fleet, path: Path) -> None:
     """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot
     at a time. A run without figures has one row, whose `problem` says why.
 
-    Raises FileError where it cannot be written, or the file that is there is no such table.
+    Raises FileError where it cannot be written.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    _hold_table(path)
     schema = _schema()
     temporary = path.with_name(path.name + durable.TEMPORARY)
     try:
@@ -54,7 +53,8 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         raise
 
 
-def _hold_table(path: Path) -> None:
+def refuse_foreign(path: Path) -> None:
+    """Raise FileError for a file that is there and is no Parquet file."""
     try:
         begin, _ = read_from(path, 0, len(_PARQUET))
     except FileNotFoundError:

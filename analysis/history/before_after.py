@@ -61,11 +61,11 @@ class Difference:
                 "a single run on either side shows no spread: repeat them."
             )
         verb = "rose" if one.value > 0 else "fell"
-        verdict = f"{'more than' if self.is_larger else 'within'} the {one.rounded(self.explained)} {one.sign} that "
-        verdict += "the spread between runs explains"
+        than = "more than" if self.is_larger else "within"
         return (
             f"{self._what} {verb} from {one.rounded(self.before)} to {one.rounded(self.after)} {one.sign}, "
-            f"by {one.rounded(abs(one.value))} ± {one.rounded(one.u)} {one.sign}: {verdict}."
+            f"by {one.rounded(abs(one.value))} ± {one.rounded(one.u)} {one.sign}: {than} the "
+            f"{one.rounded(self.explained)} {one.sign} that the spread between runs explains."
         )
 
     @property

@@ -78,7 +78,7 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
         table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
         title = one.title
     counts = f"runs: {max(one.runs_before for one in found)} before, {max(one.runs_after for one in found)} after"
-    u = f"u: standard uncertainty by the spread between runs; explained: what that spread explains; {counts}"
+    u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
     return Group(*found_first, whole(table), Text(u, style="dim"))
 
 

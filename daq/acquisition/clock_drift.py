@@ -44,7 +44,7 @@ class DriftMonitor:
     def feed(self, samples: Sequence[Sample]) -> None:
         """Take samples in order of arrival; those without a time of their own are ignored."""
         block = Samples.of(samples)
-        timed = block.chosen(np.isfinite(block.device_time_s))
+        timed = block.chosen(~np.isnan(block.device_time_s))
         hosts_s = timed.first_byte_ns / 1e9
         for host_s, offset_s in zip(hosts_s.tolist(), (hosts_s - timed.device_time_s).tolist(), strict=True):
             if abs(offset_s - self._least) > _LEAP_S:

@@ -197,24 +197,32 @@ def from_parquet(data: bytes) -> pa.Table | None:
     stands for more than a chunk has: a few bytes can stand for any number of equal rows, and rows for one long text.
     """
     try:
-        file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
-        schema, text = file.schema_arrow, _text_columns(file.schema_arrow)
-        rows, columns = file.metadata.num_rows, file.metadata.num_columns
-        too_large = f"it declares {rows} rows of {columns} columns, more than any chunk has"
-        if max(rows * columns * _CELL_BYTES, _unpacked_bytes(file.metadata)) <= _MOST_DECODED:
-            # Text is read as numbers of different texts, since how long all of it is shows only then.
-            file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, read_dictionary=text)
-            table = file.read(use_threads=False)
-            too_large = "its text is longer than that of any chunk"
-            if sum(_text_bytes(table.column(name)) for name in text) <= _MOST_DECODED:
-                table = table.cast(schema)
-                table.validate(full=True)
-                return table
+        found = _decoded(data)
     except MemoryError:
         raise OSError(errno.ENOMEM, _NO_MEMORY) from None
     except _DAMAGE:
         return None
-    raise OSError(errno.EFBIG, too_large)
+    if isinstance(found, str):
+        raise OSError(errno.EFBIG, found)
+    return found
+
+
+def _decoded(data: bytes) -> pa.Table | str:
+    """Return the table in a Parquet file, or in words how it is larger than any chunk."""
+    file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
+    rows, columns, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
+    if max(rows * columns * _CELL_BYTES, _unpacked_bytes(file.metadata)) > _MOST_DECODED:
+        return f"it declares {rows} rows of {columns} columns, more than any chunk has"
+    # Text is read as numbers of different texts, since how long all of it is shows only then.
+    text = _text_columns(schema)
+    source = pa.BufferReader(data)
+    file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
+    table = file.read(use_threads=False)
+    if sum(_text_bytes(table.column(name)) for name in text) > _MOST_DECODED:
+        return "its text is longer than that of any chunk"
+    table = table.cast(schema)
+    table.validate(full=True)
+    return table
 
 
 def _text_columns(schema: pa.Schema) -> list[str]:

@@ -32,11 +32,14 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Return what to do about an error: where no descriptor is left, or a lock is a link, the disk is not at fault."""
+    """Return what to do about an error: where no descriptor is left, a lock is a link, or a file is where a directory
+    is wanted, the disk is not at fault."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return "close what holds file descriptors (connections, other programs), or raise their limit (LimitNOFILE)"
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
         return "remove that link"
+    if isinstance(error, NotADirectoryError):
+        return "choose another directory"
     return otherwise
 
 
@@ -234,6 +237,14 @@ def is_locked(run: Path) -> bool:
     finally:
         os.close(fd)
     return False
+
+
+def may_be_locked(run: Path) -> bool:
+    """Whether a process may be writing this run: it may where this user has no right to look."""
+    try:
+        return is_locked(run)
+    except OSError:
+        return True
 
 
 def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:

@@ -6,7 +6,6 @@ chunk is durable, so that an import cut off is seen, and brought back or given u
 
 from __future__ import annotations
 
-import errno
 import re
 from pathlib import Path
 
@@ -122,6 +121,5 @@ def _name(path: Path) -> str:
 
 def _refused(path: Path, error: Exception) -> CellError:
     what = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-    is_full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-    remedy = "make room or choose another directory" if is_full else "choose another directory"
+    remedy = durable.remedy(error, "make room or choose another directory")
     return CellError(str(path), f"cannot be written: {what}", remedy)

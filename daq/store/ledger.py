@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from daq.store import durable
 from daq.store.records import Chunk, Clock, Record, Relabelling, Seal, sha256
+from rigs.errors import FileError
 from rigs.files import read_bytes
 
 LEDGER = "ledger.jsonl"
@@ -136,8 +137,12 @@ class Ledger:
 
     @classmethod
     def resume(cls, run: Path) -> Ledger:
-        """Open the ledger of a run, to go on after its last line that verifies."""
+        """Open the ledger of a run, to go on after its last line that verifies. Raises FileError where whole lines
+        follow it, which going on would replace."""
         found = read_ledger(run)
+        if found.unread_lines:
+            what = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
+            raise FileError(str(run), what, f"run `rig recover {run}`, which keeps them")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), found.size, found.last)
 
     def append(self, entry: Entry) -> None:

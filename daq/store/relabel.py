@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.ledger import LEDGER, Entry, Ledger, read_ledger
+from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
 from daq.store.records import Relabelling, first_error, iso_now
 from rigs.errors import CellError, FileError
@@ -43,9 +43,6 @@ def relabel(
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
                 raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
-            if read_ledger(run).unread_lines:
-                what = f"has lines in {LEDGER} that cannot be verified, and a correction would replace them"
-                raise FileError(str(run), what, f"run `rig recover {run}`, which keeps them")
             changed = _relabelled(run, manifest, test, direction, operator, placement)
             if changed != manifest:
                 _save(run, changed, changed.relabelled[len(manifest.relabelled) :])

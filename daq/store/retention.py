@@ -97,10 +97,7 @@ def _size(file: Path) -> int:
 def _status(run: Path, manifest: Manifest) -> str:
     if manifest.exit_status != "recording" and not any(run.glob("*.arrow")):
         return manifest.exit_status
-    try:
-        return "recording" if durable.is_locked(run) else "crashed"
-    except OSError:
-        return "recording"  # nobody may look, so nobody knows
+    return "recording" if durable.may_be_locked(run) else "crashed"
 
 
 def decide(found: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:

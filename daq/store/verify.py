@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -101,6 +100,9 @@ def judge(path: Path) -> Verdict:
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
     problems = [problem for stream in streams for problem in stream.problems]
     recovered = manifest.exit_status == "recovered"
+    is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
+    # While a run is recorded, each chunk enters the ledger once it is full.
+    left = [] if is_recorded else _left_over(path, manifest)
     if not problems:  # a chunk that cannot be read explains every number that does not fit
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
@@ -108,7 +110,7 @@ def judge(path: Path) -> Verdict:
         manifest.is_sealed,
         recovered,
         tuple(gap for stream in streams for gap in stream.gaps),
-        (*ledger, *_manifest(path, manifest), *_marks(path), *_left_over(path, manifest), *problems),
+        (*ledger, *_manifest(path, manifest, is_recorded=is_recorded), *_marks(path), *left, *problems),
     )
 
 
@@ -127,28 +129,17 @@ def _ledger(path: Path, manifest: Manifest) -> list[str]:
     return []
 
 
-def _manifest(path: Path, manifest: Manifest) -> list[str]:
+def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]:
     problems = []
-    if manifest.exit_status == "recording":
-        problems.append(f"{path}: {_unended(path)}")
+    if is_recorded:
+        problems.append(f"{path}: is being recorded; wait for its end, or end it: rig record stop")
+    elif manifest.exit_status == "recording":
+        problems.append(f"{path}: was never ended: the recording crashed; run `rig recover {path}`")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
     if manifest.table and not manifest.chunks_of(TABLE):
         problems.append(f"{path}: its table is not there; import {manifest.table.file} again")
     return problems
-
-
-def _is_recorded(path: Path) -> bool:
-    """Return whether a process is writing a run; False where this user may not look."""
-    with suppress(OSError):
-        return durable.is_locked(path)
-    return False
-
-
-def _unended(path: Path) -> str:
-    if _is_recorded(path):
-        return "is being recorded; wait for its end, or end it: rig record stop"
-    return f"was never ended: the recording crashed; run `rig recover {path}`"
 
 
 def _marks(path: Path) -> list[str]:
@@ -160,8 +151,6 @@ def _marks(path: Path) -> list[str]:
 
 
 def _left_over(path: Path, manifest: Manifest) -> list[str]:
-    if manifest.exit_status == "recording" and _is_recorded(path):
-        return []  # each chunk enters the ledger once it is full
     where = "manifest" if manifest.version == 1 else "ledger"
     return [f"{file}: is not in the {where}; run `rig recover {path}`" for file in left_over(path, manifest)]
 

@@ -88,6 +88,18 @@ def _float_gauge(**changes: object) -> ModbusMap:
     return modbus(port=TCP, count=2, word_order="big", value=value, **PLAIN, **changes)
 
 
+@pytest.mark.parametrize("clock_s", [12.5, math.inf, -math.inf, math.nan])
+def test_a_clock_that_is_no_time_is_none(clock_s: float) -> None:
+    value, clock = {"address": 200, "type": "float32"}, {"address": 202, "type": "float32"}
+    plain = PLAIN | {"clock_s": clock}
+    item = _read(
+        modbus(port=TCP, count=4, word_order="big", value=value, **plain),
+        [*_laid(0.25, "float32", "big", "big"), *_laid(clock_s, "float32", "big", "big")],
+    )
+    assert isinstance(item, Sample)
+    assert item.device_time_s == clock_s if math.isfinite(clock_s) else math.isnan(item.device_time_s)
+
+
 def _swapped(value_mm: float) -> list[int]:
     return _laid(value_mm, "float32", "big", "little")
 

@@ -156,8 +156,7 @@ def test_a_clock_that_begins_anew_is_watched_anew() -> None:
     assert state is not None and state.offset_s == pytest.approx(597, abs=1e-3) and state.drift_ppm is None
 
 
-@pytest.mark.parametrize("clock_s", [math.nan, math.inf, -math.inf])
-def test_an_instrument_without_a_clock_has_no_drift(clock_s: float) -> None:
+def test_an_instrument_without_a_clock_has_no_drift() -> None:
     watch = DriftMonitor()
-    watch.feed([Sample((1.0,), NO_TIME, 10**9 * number, 10**9 * number, 7, clock_s) for number in range(100)])
+    watch.feed([Sample((1.0,), NO_TIME, number, number, 7) for number in range(100)])
     assert watch.state() is None
