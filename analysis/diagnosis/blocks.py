@@ -16,6 +16,7 @@ from analysis.diagnosis.observed_run import ORDER_OF, ORDERS, ObservedRun, Sampl
 from analysis.diagnosis.repeat_noise import POSE_MM, CircleNoise, Repeated, circle_noise, target_sd
 from analysis.diagnosis.run_scatter import drift_waves, scatter_columns, scatter_response, without_unseen
 from analysis.diagnosis.run_setups import with_effects
+from analysis.diagnosis.stamp_noise import stamp_noise, without_stamp_noise
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
@@ -81,16 +82,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: S
     grouped = [_grouped(name, members, setups, known) for (name, _), members in groups.items()]
     circles = [raw for raw in grouped if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
-    orders = len(ORDER_OF)
-    repeats = [
-        Repeated(
-            raw.first.one.setup, raw.rows[:, :orders], raw.response[:orders], raw.drifting[:, :orders],
-            len(raw.first.sampling.share),
-        )
-        for raw in circles
-        if raw.first.sampling
-    ]  # fmt: skip
-    noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
+    noise = circle_noise([_repeated(raw) for raw in circles], float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
     numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in grouped))}
     return [
@@ -113,6 +105,7 @@ def targets_key(run: ObservedRun) -> bytes:
 class _RepeatedRuns:
     """Residuals `rows` (n, N) mm of n repeated runs, and the responses of the readings to a unit scatter: `response`
     (N, c) mm to a constant one, and `drifting` (w, N, c) mm to the waves of one that drifts, which has none at targets.
+    `stamps` (N, c) mm is what one standard deviation of the scatter of stamps adds to a run at a few angles.
     """
 
     name: str
@@ -120,6 +113,7 @@ class _RepeatedRuns:
     rows: Array
     response: Array
     drifting: Array
+    stamps: Array
 
 
 def _grouped(
@@ -131,10 +125,13 @@ def _grouped(
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         members = [replace(run, sampling=one) for run, one in zip(members, bridging(samplings), strict=True)]
-    vectors = [
-        entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in with_effects(members, known)
-    ]
+    residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, known)]
+    vectors = [entries(left, run.sampling) for left, run in zip(residuals, members, strict=True)]
     first = members[0]
+    stamps = np.empty((len(vectors[0]), 0))
+    if first.sampling:
+        t_s = first.one.path.t_s[first.one.path.rows[first.one.rows]]
+        stamps = stamp_noise(first.sampling, t_s, first.one.values - residuals[0])
     response = scatter_response(first.model, first.one, setups[first.one.setup])
     waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
     drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
@@ -142,7 +139,19 @@ def _grouped(
     # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
     drifts = np.reshape(drifting, (len(drifting), *constant.shape))
-    return _RepeatedRuns(name, first, np.array(alike), constant, drifts)
+    return _RepeatedRuns(name, first, np.array(alike), constant, drifts, stamps)
+
+
+def _repeated(raw: _RepeatedRuns) -> Repeated:
+    """Return repeated laps without what stamps add at a few angles, which is no noise of their orders."""
+    assert raw.first.sampling is not None  # noqa: S101 - circles have one
+    stamps = raw.stamps[: len(ORDER_OF)]
+    rows, response, drifting = (
+        without_stamp_noise(values[..., : len(ORDER_OF)], stamps)
+        for values in (raw.rows, raw.response.T, raw.drifting.swapaxes(1, 2))
+    )
+    laps = len(raw.first.sampling.share)
+    return Repeated(raw.first.one.setup, rows, response.T, drifting.swapaxes(1, 2), laps)
 
 
 def _share_of_run(one: Observation) -> Array:
@@ -163,12 +172,14 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]
-    columns = scatter_columns(raw.response, drifting, noise.scatter(raw.first.one.setup)) * np.linalg.norm(weight)
+    scattered = scatter_columns(raw.response, drifting, noise.scatter(raw.first.one.setup))
+    columns = np.concatenate([scattered, raw.stamps], axis=1) * np.linalg.norm(weight)
     band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
-        raw.rows - raw.rows.mean(axis=0), band + number * len(BAND_EDGES), len(raw.rows), noise.measured,
+        without_stamp_noise(raw.rows - raw.rows.mean(axis=0), raw.stamps), band + number * len(BAND_EDGES),
+        len(raw.rows), noise.measured,
         targets_key(raw.first),
     )  # fmt: skip
 

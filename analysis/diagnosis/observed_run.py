@@ -79,6 +79,13 @@ class Sampling:
         found = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
         return found if self.bridged is None else csr_array(_bridge(*self.bridged) @ found)
 
+    def gridded_sd(self, sd: Array) -> Array:
+        """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
+        unit."""
+        weight = self._interpolation
+        variance: Array = weight.multiply(weight) @ sd[: weight.shape[1]].reshape(-1, sd[0].size) ** 2
+        return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
+
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
         the means over periods of standing."""

@@ -245,13 +245,18 @@ def notes(cases: Sequence[RealCase]) -> list[str]:
         line = f"{kind}: {sum(case.testable for case in own)} of {len(own)} testable; {verdicts}"
         lines.append(f"{line}; {median(seconds):.1f} s a case" if seconds else line)
     wrong = Counter(named.name for case in cases for named in case.wrong)
-    missed = Counter(
-        one["name"]
+    missed = [
+        (one["name"], bool({named.name for named in case.answer.listed} & set(one["class"])))
         for case in cases
         for one in case.truth["hidden"]
         if one["testable"] and not {named.name for named in case.material} & set(one["class"])
-    )
-    for what, names in (("wrong names", wrong), ("testable faults missed", missed)):
+    ]
+    below = Counter(name for name, is_listed in missed if is_listed)
+    unseen = Counter(name for name, is_listed in missed if not is_listed)
+    listed = (
+        ("wrong names", wrong), ("testable faults missed", unseen), ("testable faults found, but not material", below)
+    )  # fmt: skip
+    for what, names in listed:
         if names:
             lines.append(f"{what}: " + ", ".join(f"{name} ({count})" for name, count in names.most_common(15)))
     return lines
