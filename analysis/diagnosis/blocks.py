@@ -14,9 +14,9 @@ import numpy as np
 
 from analysis.diagnosis.observed_run import ORDER_OF, ORDERS, ObservedRun, Sampling, bridging
 from analysis.diagnosis.repeat_noise import POSE_MM, CircleNoise, Repeated, circle_noise, target_sd
-from analysis.diagnosis.run_scatter import drift_waves, scatter_columns, scatter_response, without_unseen
+from analysis.diagnosis.run_scatter import ScatteredRuns, drift_waves, scatter_columns, scatter_response, without_unseen
 from analysis.diagnosis.run_setups import with_effects
-from analysis.diagnosis.stamp_noise import stamp_noise, without_stamp_noise
+from analysis.diagnosis.stamp_noise import stamp_noise
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
@@ -41,9 +41,10 @@ class Block:
 
     `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
     their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
-    c) is what one standard deviation of the scatter of joints and ball adds. `apart_mm` (n, N) are the deviations of
-    the n runs from their mean. `band` (N,) numbers the entries that share a strength. `measured` states whether the
-    noise comes from repeats, and `targets_key` is equal for runs that repeat the same targets.
+    c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s) what one of the
+    scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from their mean, without
+    what stamps are expected to have added to them. `band` (N,) numbers the entries that share a strength. `measured`
+    states whether the noise comes from repeats, and `targets_key` is equal for runs that repeat the same targets.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Block:
     y_mm: Array
     sd_mm: Array
     scatter_mm: Array
+    stamps_mm: Array
     apart_mm: Array
     band: Integers
     count: int
@@ -129,9 +131,10 @@ def _grouped(
     vectors = [entries(left, run.sampling) for left, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
-    if first.sampling:
-        t_s = first.one.path.t_s[first.one.path.rows[first.one.rows]]
-        stamps = stamp_noise(first.sampling, t_s, first.one.values - residuals[0])
+    if samplings := [run.sampling for run in members if run.sampling]:
+        t_s = [run.one.path.t_s[run.one.path.rows[run.one.rows]] for run in members]
+        predicted = [run.one.values - left for run, left in zip(members, residuals, strict=True)]
+        stamps = stamp_noise(samplings, t_s, predicted)
     response = scatter_response(first.model, first.one, setups[first.one.setup])
     waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
     drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
@@ -143,15 +146,13 @@ def _grouped(
 
 
 def _repeated(raw: _RepeatedRuns) -> Repeated:
-    """Return repeated laps without what stamps add at a few angles, which is no noise of their orders."""
+    """Return repeated laps alone, without the periods of standing."""
     assert raw.first.sampling is not None  # noqa: S101 - circles have one
-    stamps = raw.stamps[: len(ORDER_OF)]
-    rows, response, drifting = (
-        without_stamp_noise(values[..., : len(ORDER_OF)], stamps)
-        for values in (raw.rows, raw.response.T, raw.drifting.swapaxes(1, 2))
+    orders, laps = len(ORDER_OF), len(raw.first.sampling.share)
+    rows, response, drifting, stamps = raw.rows, raw.response, raw.drifting, raw.stamps
+    return Repeated(
+        raw.first.one.setup, rows[:, :orders], response[:orders], drifting[:, :orders], laps, stamps[:orders]
     )
-    laps = len(raw.first.sampling.share)
-    return Repeated(raw.first.one.setup, rows, response.T, drifting.swapaxes(1, 2), laps)
 
 
 def _share_of_run(one: Observation) -> Array:
@@ -168,19 +169,20 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
+    few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
     sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]
-    scattered = scatter_columns(raw.response, drifting, noise.scatter(raw.first.one.setup))
-    columns = np.concatenate([scattered, raw.stamps], axis=1) * np.linalg.norm(weight)
+    scatter = noise.scatter(raw.first.one.setup)
+    columns = few * scatter_columns(raw.response, drifting, scatter)
+    repeats = ScatteredRuns(raw.rows - raw.rows.mean(axis=0), raw.response, drifting, raw.stamps)
     band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
-        without_stamp_noise(raw.rows - raw.rows.mean(axis=0), raw.stamps), band + number * len(BAND_EDGES),
-        len(raw.rows), noise.measured,
-        targets_key(raw.first),
+        few * raw.stamps, repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES), len(raw.rows),
+        noise.measured, targets_key(raw.first),
     )  # fmt: skip
 
 
@@ -194,7 +196,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
-        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter,
+        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, raw.stamps,
         raw.rows - y, band, count, measured, targets_key(raw.first),
     )  # fmt: skip
 

@@ -162,11 +162,12 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
     present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
-    share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], linear.Z.shape[1] + begins.shape[1]
+    random = np.concatenate([linear.Z, linear.stamps, begins], axis=1)
+    share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], random.shape[1]
     placed_mm = np.full(set_ups, _BALL_MM)
     placed_mm[sorted(linear.terms_of_poses)] = _PLACED_MM
     return Columns(
-        np.concatenate([columns, linear.U, linear.Z, begins], axis=1),
+        np.concatenate([columns, linear.U, random], axis=1),
         forms,
         slice(len(share), len(share) + set_ups),
         np.unique(linear.band, return_inverse=True)[1],

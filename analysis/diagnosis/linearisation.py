@@ -79,10 +79,19 @@ class Linearisation:
     @cached_property
     def Z(self) -> Array:  # noqa: N802 - a matrix
         """The change (N, c) for one standard deviation of the scatter between runs."""
-        ends = np.cumsum([0, *(block.scatter_mm.shape[1] for block in self.blocks)])
+        return self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
+
+    @cached_property
+    def stamps(self) -> Array:
+        """The change (N, s) for one standard deviation of the scatter of stamps, where readings change quickly."""
+        return self._side_by_side([block.white(block.stamps_mm) for block in self.blocks])
+
+    def _side_by_side(self, parts: Sequence[Array]) -> Array:
+        """Return columns (N, c) with the columns of each block in its own rows."""
+        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         columns = np.zeros((len(self.y), int(ends[-1])))
-        for block, rows, begin, end in zip(self.blocks, self.rows, ends, ends[1:], strict=False):
-            columns[rows, begin:end] = block.white(block.scatter_mm)
+        for part, rows, begin, end in zip(parts, self.rows, ends, ends[1:], strict=False):
+            columns[rows, begin:end] = part
         return columns
 
     @cached_property

@@ -53,7 +53,10 @@ def _repeated(block: Block, runs: int) -> Block:
     drifting = np.sqrt(DRIFTING_SHARE) * np.linalg.norm(block.scatter_mm, axis=1)
     sd = block.sd_mm if block.sampling else np.hypot(TARGET_MM.rms, drifting)
     few = 1 / np.sqrt(runs)
-    return replace(block, sd_mm=few * sd, scatter_mm=few * block.scatter_mm, count=runs, measured=False)
+    return replace(
+        block, sd_mm=few * sd, scatter_mm=few * block.scatter_mm, stamps_mm=few * block.stamps_mm, count=runs,
+        measured=False,
+    )  # fmt: skip
 
 
 def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:

@@ -60,13 +60,15 @@ POSE_MM = 0.04
 @dataclass(frozen=True)
 class Repeated:
     """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, the responses `response` (N, c) mm and
-    `drifting` (w, N, c) mm to a unit scatter, and the number of laps of which a row is the mean."""
+    `drifting` (w, N, c) mm to a unit scatter, the number of laps of which a row is the mean, and what one standard
+    deviation of the scatter of stamps adds to it, `stamps` (N, s) mm."""
 
     setup: str
     rows: Array
     response: Array
     drifting: Array
-    laps: int = 1
+    laps: int
+    stamps: Array
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
 
 def _scattered(group: Repeated) -> ScatteredRuns:
     apart = group.rows - group.rows.mean(axis=0)
-    return ScatteredRuns(apart, group.response, group.drifting)
+    return ScatteredRuns(apart, group.response, group.drifting, group.stamps)
 
 
 def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatter]:

@@ -58,22 +58,22 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
     half = len(ORDER_OF) // 2
     smooth = np.where(ORDER_OF <= _SMOOTH, left[: 2 * half], 0.0)
     readings = curve(smooth)
+    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, one, 0.0)) for one in block.stamps_mm[: 2 * half].T]
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
     where = reversals_of(block)
     found = []
-    for part, values, entries in (
-        ("distance", readings.mean(axis=1), slice(0, half)),
-        ("angle", readings[:, 1] - readings[:, 0], slice(half, 2 * half)),
-    ):
+    for part, of, entries in (("distance", _distance, slice(0, half)), ("angle", _angle, slice(half, 2 * half))):
+        values = of(readings)
         # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
         # sqrt 2 of its own.
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
-        noise = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
+        alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
+        noise = np.sqrt(alike**2 + sum((of(one) ** 2 for one in stamps), np.zeros(GRID)))
         for begin, end in _stretches(np.abs(values) > _SIGMA * noise):
             rows = np.arange(begin, end) % GRID
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
-            sigma = float(np.abs(values[rows]).max() / noise)
+            sigma = float((np.abs(values[rows]) / noise[rows]).max())
             a, b = 360 * begin / GRID, 360 * (end - 1) / GRID
             joint = _turning(where, a, b)
             why = _why(joint, values, a, b)
@@ -83,28 +83,41 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
             found.append(
                 Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
             )
-        for phi, joint, jump in _jumps(values, where, noise):
+        for phi, joint, jump, sigma in _jumps(values, where, noise):
             why = f"reversal: jumps by {1e3 * jump:.3g} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
-            sigma = jump / (np.sqrt(2) * noise)
             found.append(
-                Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, float(sigma))  # type: ignore[arg-type]
+                Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
             )
     return found
 
 
-def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: float) -> list[tuple[float, int, float]]:
-    """Return the reversals at which the residual (GRID,) jumps more than elsewhere: circle angle, joint, size of the
-    jump."""
+def _distance(readings: Array) -> Array:
+    """Return the mean (GRID,) of two gauges (GRID, 2)."""
+    mean: Array = readings.mean(axis=1)
+    return mean
+
+
+def _angle(readings: Array) -> Array:
+    """Return the difference (GRID,) of two gauges (GRID, 2)."""
+    difference: Array = readings[:, 1] - readings[:, 0]
+    return difference
+
+
+def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: Array) -> list[tuple[float, int, float, float]]:
+    """Return the reversals at which the residual (GRID,) jumps more than elsewhere, given its noise (GRID,): circle
+    angle in degrees, joint, size of the jump, and sigma."""
     step = max(1, round(_NEAR_DEG / 360 * GRID))
     over = np.abs(np.roll(values, -step) - np.roll(values, step))
+    sigmas = over / np.hypot(np.roll(noise, -step), np.roll(noise, step))
     usual = float(np.median(over))
     found = []
     for phi, joint in where:
         near = (round(phi / 360 * GRID) + np.arange(-step, step + 1)) % GRID
-        jump = float(over[near].max())
-        if jump > _UNUSUAL * usual and jump > _SIGMA * np.sqrt(2) * noise:
-            found.append((phi, joint, jump))
+        largest = near[int(np.argmax(over[near]))]
+        jump, sigma = float(over[largest]), float(sigmas[largest])
+        if jump > _UNUSUAL * usual and sigma > _SIGMA:
+            found.append((phi, joint, jump, sigma))
     return found
 
 

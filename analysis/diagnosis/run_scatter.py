@@ -99,22 +99,51 @@ def drift_waves(share: Array) -> Array:
 @dataclass(frozen=True)
 class ScatteredRuns:
     """Deviations `apart` (n, N) mm of n runs from their mean, and their responses to a unit scatter: `constant`
-    (N, 9) mm and `drifting` (w, N, 9) mm."""
+    (N, 9) mm and `drifting` (w, N, 9) mm. `stamps` (N, s) mm is what one standard deviation of the scatter of stamps
+    adds at a few angles."""
 
     apart: Array
     constant: Array
     drifting: Array
+    stamps: Array
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the part (n, N) mm of the deviations that is expected to be noise of sd_mm (N,) and not scatter, and
         the share (N,) of the noise that this part contains."""
-        columns = scatter_columns(self.constant, self.drifting, scatter) / sd_mm[:, None]
+        columns, taken = self._regression(scatter, sd_mm)
+        noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
+        return noise, 1 - np.einsum("nc,cn->n", columns, taken)
+
+    def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
+        """Return the deviations (n, N) mm without what stamps are expected to have added, given noise of sd_mm (N,)."""
+        if not self.stamps.size:
+            return self.apart
+        _, taken = self._regression(scatter, sd_mm)
+        stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
+        left: Array = self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
+        return left
+
+    def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
+        """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
+        and the matrix (c, N) that estimates their coefficients from readings in the same unit."""
+        scattered = scatter_columns(self.constant, self.drifting, scatter)
+        columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
         normal = columns.T @ columns
         normal[np.diag_indices_from(normal)] += 1.0
-        taken = np.linalg.solve(normal, columns.T)
-        white = self.apart / sd_mm
-        noise: Array = (white - (white @ columns) @ taken) * sd_mm
-        return noise, 1 - np.einsum("nc,cn->n", columns, taken)
+        return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
+
+    def whitened(self, sd_mm: Array) -> ScatteredRuns:
+        """Return the same runs in standard deviations of noise of sd_mm (N,) and of stamps together."""
+        left, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
+        less = left * (1 - 1 / np.sqrt(1 + size**2))
+
+        def white(rows: Array) -> Array:
+            own = rows / sd_mm
+            found: Array = own - (own @ left) @ less.T
+            return found
+
+        drifting = white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
+        return ScatteredRuns(white(self.apart), white(self.constant.T).T, drifting, self.stamps[:, :0])
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
@@ -163,13 +192,14 @@ def scatter_of(repeated: Sequence[tuple[ScatteredRuns, Array]]) -> RunScatter:
 
 def _evidence(runs: ScatteredRuns, sd_mm: Array, squares: Array) -> Array:
     """Return the log evidence (s,) of scatters, given their squares (s, 4) in the order of `RunScatter`."""
-    constant, drifting = runs.constant / sd_mm[:, None], runs.drifting / sd_mm[:, None]
+    white = runs.whitened(sd_mm)
+    constant, drifting = white.constant, white.drifting
     span = _span_of(np.concatenate([constant, *drifting], axis=1))
     waves = [drifting[:, :, own].transpose(1, 0, 2).reshape(len(constant), -1) for own in _OWN]
     inside = [span.T @ part for part in (*(constant[:, own] for own in _OWN), *waves)]
     C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
     C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
-    Z = (runs.apart / sd_mm) @ span
+    Z = white.apart @ span
     cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
     found: Array = -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
     return found

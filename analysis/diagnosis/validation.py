@@ -13,7 +13,7 @@ from analysis.diagnosis.linearisation import Linearisation, basis_of, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.search import SearchResult
-from analysis.diagnosis.worth import rms_um, scatter_um
+from analysis.diagnosis.worth import noise_um, rms_um, scatter_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -145,4 +145,4 @@ def _floor(linear: Linearisation, names: Collection[str]) -> float:
     noise."""
     alike = [block.name in names for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    return float(np.sqrt(size @ scatter_um(linear) ** 2 / size.sum()))
+    return float(np.sqrt(size @ noise_um(linear) ** 2 / size.sum()))

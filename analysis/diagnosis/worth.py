@@ -48,31 +48,50 @@ def limits_um(
     linear: Linearisation, tolerance_um: float | None, own_um: Mapping[str, float] = MappingProxyType({})
 ) -> Array:
     """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
-    without `own_um`, the part that the name makes in each set-up."""
+    without `own_um`, the part that the name makes in each set-up.
+
+    Few repeats show the scatter within a fifth. The limit is what they show less its standard uncertainty: a name is
+    withheld where one run scatters by more, not where it may.
+    """
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
     own = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
-    return np.asarray(np.sqrt(np.maximum(scatter_um(linear) ** 2 - own**2, LEAST_MATERIAL_UM**2)), dtype=float)
+    return np.asarray(np.sqrt(np.maximum(_scatter_squares(linear, 1.0) - own**2, LEAST_MATERIAL_UM**2)), dtype=float)
 
 
 def scatter_um(linear: Linearisation) -> Array:
     """Return the rms difference (b,) µm of one run from the mean of many; at targets that of a median target, because a
-    few scatter many times as much.
+    few scatter many times as much. What stamps add where readings change quickly is not counted.
 
     Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
     """
-    found = _expected_scatter_um(linear)
+    return np.asarray(np.sqrt(_scatter_squares(linear, 0.0)), dtype=float)
+
+
+def _scatter_squares(linear: Linearisation, less: float) -> Array:
+    """Return the mean square (b,) µm² of the same, less so many of its standard uncertainties where repeats show it."""
+    found = _expected_scatter_um(linear) ** 2
     repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and block.apart_mm.any()]
     for setup in {linear.blocks[k].one.setup for k in repeated}:
         own = [k for k in repeated if linear.blocks[k].one.setup == setup]
-        found[own] = np.sqrt(np.mean([_shown_scatter_um(linear.blocks[k]) ** 2 for k in own]))
+        shown = np.concatenate([_shown_squares(linear.blocks[k]) for k in own])
+        uncertainty = float(np.std(shown, ddof=1)) / np.sqrt(len(shown))
+        found[own] = max(float(np.mean(shown)) - less * uncertainty, 0.0)
     return found
 
 
-def _shown_scatter_um(block: Block) -> float:
-    """Return the rms difference in µm of a run from the mean of many that repeated runs show."""
-    squares = sum(rms_um(block, one) ** 2 for one in block.apart_mm)
-    return float(np.sqrt(squares / (len(block.apart_mm) - 1)))
+def noise_um(linear: Linearisation) -> Array:
+    """Return the same with what stamps add, (b,) µm."""
+    stamps = [np.sqrt(block.count) * np.linalg.norm(block.stamps_mm, axis=1) for block in linear.blocks]
+    added = [rms_um(block, one) for block, one in zip(linear.blocks, stamps, strict=True)]
+    return np.asarray(np.hypot(scatter_um(linear), added), dtype=float)
+
+
+def _shown_squares(block: Block) -> Array:
+    """Return the mean square difference in µm² of a run from the mean of many that each of n repeated runs shows,
+    (n,)."""
+    count = len(block.apart_mm)
+    return np.array([rms_um(block, one) ** 2 for one in block.apart_mm]) * count / (count - 1)
 
 
 def _expected_scatter_um(linear: Linearisation) -> Array:

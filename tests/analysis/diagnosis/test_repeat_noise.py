@@ -29,6 +29,7 @@ HALF = len(ORDER_OF) // 2
 SHAKEN = np.random.default_rng(11).normal(0.0, 0.005, (len(ORDER_OF), 9))
 DRIFTING = np.random.default_rng(12).normal(0.0, 0.005 / np.sqrt(3), (2, len(ORDER_OF), 9))
 """Two waves of a drift: those of a run of two laps that repeat in each."""
+NO_STAMPS = np.empty((len(ORDER_OF), 0))
 SHAPE_MM = np.where(ORDER_OF < 18, 0.004, 0.001) * np.where(np.arange(len(ORDER_OF)) < HALF, 1.0, 0.5)
 LEVELS = (1.0, 2.0, 4.0, 1.5)
 """Of four runs: a gauge's level in a real cell differs from run to run by a factor of four."""
@@ -48,7 +49,7 @@ def _repeats(
     moved = scatter_columns(SHAKEN, DRIFTING, scatter)
     elsewhere = rng.normal(size=(count, moved.shape[1])) @ moved.T
     noise = size * np.array(levels)[:, None] * rng.normal(0.0, SHAPE_MM, (count, len(ORDER_OF)))
-    return Repeated(setup, rng.normal(0.0, 0.1, len(ORDER_OF)) + elsewhere + noise, SHAKEN, DRIFTING, 2)
+    return Repeated(setup, rng.normal(0.0, 0.1, len(ORDER_OF)) + elsewhere + noise, SHAKEN, DRIFTING, 2, NO_STAMPS)
 
 
 def _noise(*, levels: tuple[float, ...] = (1.0,) * 4, scatter: RunScatter = STILL) -> CircleNoise:
@@ -97,7 +98,7 @@ def test_noise_that_scatter_hides_is_no_less_than_that_of_finer_orders(size: flo
     moved = scatter_columns(response, drifting, RunScatter(size, size, size, size))
     noise = rng.normal(0.0, SHAPE_MM, (3, len(ORDER_OF)))
     rows = rng.normal(size=(3, moved.shape[1])) @ moved.T + noise
-    (sd,) = circle_noise([Repeated("yaw", rows, response, drifting, 2)], 1.0).sd_mm
+    (sd,) = circle_noise([Repeated("yaw", rows, response, drifting, 2, NO_STAMPS)], 1.0).sd_mm
     ratio = sd[:, slow] / SHAPE_MM[slow]
     assert ratio.min() > 0.4 and ratio.max() < 4.0
 

@@ -40,6 +40,18 @@ def test_the_limit_of_a_name_is_the_scatter_that_others_make() -> None:
     np.testing.assert_allclose(limits_um(linear, 7.0, {setup: 40.0}), 7.0)
 
 
+def test_few_repeats_that_scatter_unequally_show_less_for_certain() -> None:
+    """Three runs each way: 100, 10 and 10 µm from their mean, not 58 µm each."""
+    linear = _with_apart(1.0)
+    unequal = [replace(block, apart_mm=block.apart_mm[:3] * [[100.0], [10.0], [10.0]]) for block in linear.blocks]
+    alike = [replace(block, apart_mm=block.apart_mm[:3] * np.sqrt(10200 / 3)) for block in linear.blocks]
+    several = linearise(unequal, linear.setups), linearise(alike, linear.setups)
+    np.testing.assert_allclose(*map(scatter_um, several), rtol=0.1)
+    # The mean square of 100² and four times 10² is uncertain by 63 %, with six runs.
+    np.testing.assert_allclose(limits_um(several[0], None), scatter_um(several[0]) * np.sqrt(1 - 0.61), rtol=0.05)
+    np.testing.assert_allclose(limits_um(several[1], None), scatter_um(several[1]), rtol=0.1)
+
+
 def test_both_directions_of_a_set_up_have_one_limit() -> None:
     found = scatter_um(healthy())
     assert found[0] == pytest.approx(found[1]) and found[0] > 0
