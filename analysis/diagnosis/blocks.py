@@ -42,9 +42,10 @@ class Block:
     `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
     their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
     c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s) what one of the
-    scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from their mean, without
-    what stamps are expected to have added to them. `band` (N,) numbers the entries that share a strength. `measured`
-    states whether the noise comes from repeats, and `targets_key` is equal for runs that repeat the same targets.
+    scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from their mean, and
+    `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the entries that
+    share a strength. `measured` states whether the noise comes from repeats, and `targets_key` is equal for runs that
+    repeat the same targets.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Block:
     scatter_mm: Array
     stamps_mm: Array
     apart_mm: Array
+    steady_mm: Array
     band: Integers
     count: int
     measured: bool
@@ -181,8 +183,8 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
-        few * raw.stamps, repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES), len(raw.rows),
-        noise.measured, targets_key(raw.first),
+        few * raw.stamps, repeats.apart, repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES),
+        len(raw.rows), noise.measured, targets_key(raw.first),
     )  # fmt: skip
 
 
@@ -197,7 +199,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
         raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, raw.stamps,
-        raw.rows - y, band, count, measured, targets_key(raw.first),
+        raw.rows - y, raw.rows - y, band, count, measured, targets_key(raw.first),
     )  # fmt: skip
 
 

@@ -133,7 +133,7 @@ class ScatteredRuns:
         return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
 
     def whitened(self, sd_mm: Array) -> ScatteredRuns:
-        """Return the same runs in standard deviations of noise of sd_mm (N,) and of stamps together."""
+        """Return the same runs in standard deviations of noise of sd_mm (N,) and of stamps together, instead of mm."""
         left, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = left * (1 - 1 / np.sqrt(1 + size**2))
 

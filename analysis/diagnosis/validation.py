@@ -13,7 +13,7 @@ from analysis.diagnosis.linearisation import Linearisation, basis_of, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.search import SearchResult
-from analysis.diagnosis.worth import noise_um, rms_um, scatter_um
+from analysis.diagnosis.worth import limits_um, noise_um, rms_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -66,8 +66,8 @@ class _JudgedRun:
 
     `before` is the residual without them and `residual` that with all of them. `free_share` is what free forms add
     beside them, zero where that is not known. `contributions` are the changes when each name is removed.
-    `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms difference of one run
-    from the mean of many.
+    `basis` (N, s) is orthonormal and spans what the set-up could absorb. `limit_um` is the rms change from which a name
+    is material beside the scatter of one run.
     """
 
     block: Block
@@ -76,7 +76,7 @@ class _JudgedRun:
     free_share: Array
     contributions: Sequence[Array]
     basis: Array
-    scatter_um: float
+    limit_um: float
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N,) with the part removed that the set-up could absorb."""
@@ -88,8 +88,9 @@ class _JudgedRun:
         return float(((self.without_set_up(values) * self.block.sd_mm) ** 2).sum())
 
     def shows(self, change: Array) -> bool:
-        """Return whether a change of the readings (N,) exceeds the scatter of one run, with the set-up fitted."""
-        return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.scatter_um
+        """Return whether a change of the readings (N,) is material beside the scatter of one run, with the set-up
+        fitted."""
+        return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.limit_um
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
@@ -117,8 +118,8 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]
-    free, scatter = result.free_share[rows], float(scatter_um(linear)[k])
-    return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), scatter)
+    free, limit = result.free_share[rows], float(limits_um(linear, None)[k])
+    return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), limit)
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
@@ -131,8 +132,8 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     left = alone.residual(effects)
     changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
     with_share = left - share @ result.posterior.mean[: share.shape[1]]
-    (block,), none, scatter = alone.blocks, np.zeros_like(with_share), float(scatter_um(alone)[0])
-    return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), scatter)
+    (block,), none, limit = alone.blocks, np.zeros_like(with_share), float(limits_um(alone, None)[0])
+    return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), limit)
 
 
 def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int) -> float:

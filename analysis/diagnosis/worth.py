@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -50,13 +50,15 @@ def limits_um(
     """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
     without `own_um`, the part that the name makes in each set-up.
 
-    Few repeats show the scatter within a fifth. The limit is what they show less its standard uncertainty: a name is
-    withheld where one run scatters by more, not where it may.
+    Few repeats show the scatter of one run within a fifth or worse, so the limit is computed from its mean square less
+    the standard uncertainty of that. A single difference of two runs shows no uncertainty.
     """
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
     own = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
-    return np.asarray(np.sqrt(np.maximum(_scatter_squares(linear, 1.0) - own**2, LEAST_MATERIAL_UM**2)), dtype=float)
+    squares, relative = _scatter_squares(linear, _steady)
+    least = np.maximum((squares - own**2) * (1 - relative), LEAST_MATERIAL_UM**2)
+    return np.asarray(np.sqrt(least), dtype=float)
 
 
 def scatter_um(linear: Linearisation) -> Array:
@@ -65,33 +67,38 @@ def scatter_um(linear: Linearisation) -> Array:
 
     Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
     """
-    return np.asarray(np.sqrt(_scatter_squares(linear, 0.0)), dtype=float)
-
-
-def _scatter_squares(linear: Linearisation, less: float) -> Array:
-    """Return the mean square (b,) µm² of the same, less so many of its standard uncertainties where repeats show it."""
-    found = _expected_scatter_um(linear) ** 2
-    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and block.apart_mm.any()]
-    for setup in {linear.blocks[k].one.setup for k in repeated}:
-        own = [k for k in repeated if linear.blocks[k].one.setup == setup]
-        shown = np.concatenate([_shown_squares(linear.blocks[k]) for k in own])
-        uncertainty = float(np.std(shown, ddof=1)) / np.sqrt(len(shown))
-        found[own] = max(float(np.mean(shown)) - less * uncertainty, 0.0)
-    return found
+    return np.asarray(np.sqrt(_scatter_squares(linear, _steady)[0]), dtype=float)
 
 
 def noise_um(linear: Linearisation) -> Array:
-    """Return the same with what stamps add, (b,) µm."""
-    stamps = [np.sqrt(block.count) * np.linalg.norm(block.stamps_mm, axis=1) for block in linear.blocks]
-    added = [rms_um(block, one) for block, one in zip(linear.blocks, stamps, strict=True)]
-    return np.asarray(np.hypot(scatter_um(linear), added), dtype=float)
+    """Return the same rms difference (b,) µm with what stamps added to repeated circles."""
+    return np.asarray(np.sqrt(_scatter_squares(linear, lambda block: block.apart_mm)[0]), dtype=float)
 
 
-def _shown_squares(block: Block) -> Array:
-    """Return the mean square difference in µm² of a run from the mean of many that each of n repeated runs shows,
-    (n,)."""
-    count = len(block.apart_mm)
-    return np.array([rms_um(block, one) ** 2 for one in block.apart_mm]) * count / (count - 1)
+def _steady(block: Block) -> Array:
+    """Return the deviations (n, N) mm of repeated runs without those that stamps make."""
+    return block.steady_mm
+
+
+def _scatter_squares(linear: Linearisation, deviations: Callable[[Block], Array]) -> tuple[Array, Array]:
+    """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
+    uncertainty (b,), which is zero where repeats do not show it."""
+    found, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
+    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations(block).any()]
+    for setup in {linear.blocks[k].one.setup for k in repeated}:
+        own = [k for k in repeated if linear.blocks[k].one.setup == setup]
+        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in own])
+        found[own] = shown.mean()
+        if len(shown) > 1:
+            relative[own] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
+    return found, relative
+
+
+def _shown_squares(block: Block, apart_mm: Array) -> Array:
+    """Return the mean squares (n - 1,) µm² of the independent differences of n repeated runs, given their deviations
+    (n, N) mm from their mean."""
+    contrasts = np.linalg.svd(np.ones((1, len(apart_mm))))[2][1:]
+    return np.array([rms_um(block, one) ** 2 for one in contrasts @ apart_mm])
 
 
 def _expected_scatter_um(linear: Linearisation) -> Array:
