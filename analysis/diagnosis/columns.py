@@ -74,9 +74,9 @@ class Columns:
     """The columns of one linearisation.
 
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
-    scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of the
-    coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) are their prior
-    means at level one. `not_seen` lists the names that no fault size makes visible.
+    scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
+    prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
+    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible.
     """
 
     X: Array
