@@ -128,15 +128,15 @@ def _grouped(
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
-        members = [replace(run, sampling=one) for run, one in zip(members, bridging(samplings), strict=True)]
+        samplings = bridging(samplings)
+        members = [replace(run, sampling=one) for run, one in zip(members, samplings, strict=True)]
     residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, known)]
     vectors = [entries(left, run.sampling) for left, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
-    if samplings := [run.sampling for run in members if run.sampling]:
-        t_s = [run.one.path.t_s[run.one.path.rows[run.one.rows]] for run in members]
+    if samplings:
         predicted = [run.one.values - left for run, left in zip(members, residuals, strict=True)]
-        stamps = stamp_noise(samplings, t_s, predicted)
+        stamps = stamp_noise(samplings, [run.one.t_s for run in members], predicted)
     response = scatter_response(first.model, first.one, setups[first.one.setup])
     waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
     drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
@@ -160,7 +160,7 @@ def _repeated(raw: _RepeatedRuns) -> Repeated:
 def _share_of_run(one: Observation) -> Array:
     """Return the share (m,) of the duration of its run at which each reading was taken."""
     t_s = one.path.t_s
-    share: Array = (t_s[one.path.rows[one.rows]] - t_s[0]) / (t_s[-1] - t_s[0])
+    share: Array = (one.t_s - t_s[0]) / (t_s[-1] - t_s[0])
     return share
 
 

@@ -26,7 +26,7 @@ def smooth_path(one: Observation) -> Observation:
     if not isinstance(one.table, CircleTable):
         return one
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
-    laps = one.path.rows[one.rows]
+    laps = one.samples
     q = one.path.q.copy()
     q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
     return replace(one, path=replace(one.path, motion=Motion(one.path.t_s, q)))

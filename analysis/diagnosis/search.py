@@ -23,6 +23,7 @@ from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
+from analysis.diagnosis.worth import limits_um
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
@@ -53,6 +54,11 @@ class SearchResult:
     def initial_residual(self) -> Array:
         """The whitened residual (N,) of the model without the names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
+
+    @cached_property
+    def scatter_limits_um(self) -> Array:
+        """The changes (b,) µm from which a name is material beside the scatter of one run."""
+        return limits_um(self.linear, None)
 
     @cached_property
     def moves(self) -> Array:

@@ -14,7 +14,7 @@ from analysis.diagnosis.observed_run import STAMP_SCATTER
 from analysis.diagnosis.recent import recent
 from analysis.fitting.observation import predicted_in_scene
 from analysis.fitting.setups import moved_setup, terms_of
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
 from rigs.effects import Effect, late_stamps, turned
@@ -79,11 +79,6 @@ class SimulatedBlock:
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM
 
-    @cached_property
-    def _rows(self) -> Integers:
-        """The samples (m,) of the path at which there are readings."""
-        return self.block.one.path.rows[self.block.one.rows]
-
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
         """Return the scene up to the tool with `effects` in place of the known ones."""
         model = _with(self.block.model, *effects)
@@ -114,7 +109,7 @@ class SimulatedBlock:
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        found: Array = values[self._rows]
+        found: Array = values[self.block.one.samples]
         return found
 
     def entries(self, readings: Array) -> Array:
@@ -154,7 +149,7 @@ class SimulatedBlock:
 
     def _moment_apart(self, joints: Scene) -> tuple[Scene, Scene]:
         """Return a scene before joints have errors as it was a moment earlier, and as it will be a moment later."""
-        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self._rows])))
+        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.one.samples])))
         return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
 
     def columns(self, effects: Sequence[Effect]) -> Array:

@@ -34,10 +34,12 @@ def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm
     these runs are taken to scatter alike. The rows of fast gauges are means of many readings and scatter less, but a
     crossing that is shorter than a row makes an error of this size in them too.
     """
-    laps = list(zip(samplings, t_s, readings_mm, strict=True))
-    off_mm = [_off_mm(t, readings, len(sampling.phi)) for sampling, t, readings in laps]
-    sd_mm = np.sqrt(np.mean([one.gridded_sd(off) ** 2 for one, off in zip(samplings, off_mm, strict=True)], axis=0))
-    way = np.sign(sum(one.gridded(off) for one, off in zip(samplings, off_mm, strict=True)))
+    laps = [
+        (one, _off_mm(t, readings, len(one.phi)))
+        for one, t, readings in zip(samplings, t_s, readings_mm, strict=True)
+    ]  # fmt: skip
+    sd_mm = np.sqrt(np.mean([one.gridded_sd(off_mm) ** 2 for one, off_mm in laps], axis=0))
+    way = np.sign(sum(one.gridded(off_mm) for one, off_mm in laps))
     most = sd_mm.max(axis=1)
     angles = np.argsort(-most)[:_MOST]
     angles = angles[most[angles] > max(_RARE * float(np.median(most)), _LEAST_MM)]

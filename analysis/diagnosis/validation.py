@@ -118,7 +118,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]
-    free, limit = result.free_share[rows], float(limits_um(linear, None)[k])
+    free, limit = result.free_share[rows], float(result.scatter_limits_um[k])
     return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), limit)
 
 

@@ -16,7 +16,7 @@ from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.shares import sizes_by_setup
 from analysis.diagnosis.validation import gap_without_um
-from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
+from analysis.diagnosis.worth import Worth, plain_worth, worth
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
 from rigs.schema.effect import label_of, name_of
@@ -142,7 +142,7 @@ def verdict_of(
         beside = " beside the names listed" * bool(material)
         return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}"
     if not material:
-        least = float(limits_um(result.linear, None).min())
+        least = float(result.scatter_limits_um.min())
         gain = f"; a calibration could gain {left.healthy_um:.0f} µm" if left.healthy_um > least else ""
         return "within_tolerance", f"no effect exceeds the scatter and the errors of a healthy arm{gain}"
     if unsure := ambiguous_names(found):

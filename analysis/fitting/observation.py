@@ -26,6 +26,18 @@ class Observation:
     values: Array
     setup: str
 
+    @property
+    def samples(self) -> Integers:
+        """The samples (m,) of the path at which the readings were taken."""
+        found: Integers = self.path.rows[self.rows]
+        return found
+
+    @property
+    def t_s(self) -> Array:
+        """The times (m,) s of the readings."""
+        found: Array = self.path.t_s[self.samples]
+        return found
+
 
 def observe(model: Model, table: Table, where: str) -> Observation:
     """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
@@ -49,7 +61,7 @@ def with_placement(one: Observation, placement: str) -> Observation:
 def thinned(one: Observation, most: int) -> Observation:
     """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
     kept = np.argsort(one.rows)[:: -(-len(one.rows) // most)]
-    path = replace(one.path, rows=one.path.rows[one.rows[kept]], alone=True)
+    path = replace(one.path, rows=one.samples[kept], alone=True)
     return replace(one, path=path, rows=np.arange(len(kept)), values=one.values[kept])
 
 

@@ -84,7 +84,7 @@ def tool_shift(one: Observation, before: Scene, after: Scene) -> Array:
 
     The ball of a circle or hemisphere moves with it, because people set a ball up where the tool really goes round it.
     """
-    rows = one.rows if one.path.alone else one.path.rows[one.rows]
+    rows = one.rows if one.path.alone else one.samples
     shift: Array = (after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0)
     return shift
 
