@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -81,6 +83,19 @@ def _text(path: Path) -> str:
 
 def _unreadable(path: Path, error: OSError) -> FileError:
     return FileError(str(path), error.strerror or str(error), "check the path and its permissions")
+
+
+@contextmanager
+def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
+    """Name the file of a rig in errors about it, as `cell.yaml, tests.circle`: code that has only the rig names it by
+    the rig's own name, which copies of a file share. Raises FileError as the code within does."""
+    try:
+        yield
+    except FileError as error:
+        name, comma, place = error.where.partition(", ")
+        if name != rig.name:
+            raise
+        raise FileError(f"{file}{comma}{place}", error.what, error.remedy) from None
 
 
 def parse(text: str, where: str) -> Rig:

@@ -8,6 +8,8 @@ goes through here at the place where it leaves them: docs/decisions/0018-one-gat
 
 from __future__ import annotations
 
+import shlex
+from pathlib import Path
 from typing import Any
 
 
@@ -16,6 +18,11 @@ def plain(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
+
+def as_argument(path: Path | str) -> str:
+    """Return a path as a shell takes it, for a command that a person may copy from a message."""
+    return shlex.quote(str(path))
 
 
 def plain_lines(text: str) -> str:

@@ -3,6 +3,7 @@ end. A value is written in one line."""
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml
@@ -12,7 +13,7 @@ from rigs.problems import Problem, RigFileError
 _MOST_PARTS = 500_000
 """Keys and values once every alias is followed; a megabyte written out has no more."""
 _LONGEST_NUMBER = 64
-"""Characters; a double has 17 digits. PyYAML takes 1:30 for 90, and a minute for a megabyte written so."""
+"""Characters; a double has 17 digits. PyYAML takes !!int 1:30 for 90, and a minute for a megabyte written so."""
 _LARGEST_WHOLE = 2.0**53
 """Every double is whole from here on, and has more digits than anybody wrote."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
@@ -20,10 +21,29 @@ _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticErr
 """What PyYAML raises beside its own errors, for what stands behind an explicit tag."""
 
 
+def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
+    """Return the pattern of plain values of a tag without those that YAML 1.2 reads as text: `yes`, `1:30`."""
+    match tag:
+        case "tag:yaml.org,2002:bool":
+            return re.compile(r"(?:true|True|TRUE|false|False|FALSE)$")
+        case "tag:yaml.org,2002:int" | "tag:yaml.org,2002:float":
+            return re.compile(f"(?!.*:){pattern.pattern}", pattern.flags)
+    return pattern
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader. A length of `yes` would be 1 mm, and one of `1:10` 70 mm, as YAML 1.1 has them."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own name, which its stubs have as that of an instance
+        first: [(tag, _as_in_1_2(tag, pattern)) for tag, pattern in resolvers]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+
 def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
     """The nodes of a text and the data they stand for, read by the safe loader. Raises RigFileError."""
     try:
-        loader = yaml.SafeLoader(text)
+        loader = _Loader(text)
         root = loader.get_single_node()
         if root is None:
             return None, None

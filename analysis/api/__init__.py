@@ -32,7 +32,7 @@ from rigs.effects import Effect
 from rigs.errors import CellError as CellError
 from rigs.errors import FileError as FileError
 from rigs.errors import RigError as RigError
-from rigs.load import Hidden, load, load_hidden
+from rigs.load import Hidden, load, load_hidden, named_by
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -140,7 +140,8 @@ def simulate(
     if effects is not None:
         hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
         model = hidden.within(model)
-    return simulated_run(model, text, test, direction, seed)
+    with named_by(rig, model):
+        return simulated_run(model, text, test, direction, seed)
 
 
 def evaluate(run: Measured, like: Result | None = None) -> Result:
@@ -214,14 +215,16 @@ def calibrate(
     Returns `effects` with sizes and standard uncertainties, their `covariance`, the rms before and after in mm on
     readings used and left out, what the runs cannot distinguish, and `extended_rig`, the model with the effects.
 
-    Raises UseError where an effect is not known, FileError where the runs show none of the effects, or where the fit
-    does not converge.
+    Raises UseError where an effect is not known, FileError where two runs hold the same readings, where the runs show
+    none of the effects, or where the fit does not converge.
 
     Source: docs/calibration.md.
     """
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
+    from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
+    refuse_copies([*runs, *hold_out])
     return calibrate_runs(model, runs, hold_out, effects, share=share, groups=groups, seed=seed)
 
 
@@ -252,7 +255,7 @@ def diagnose(
     Source: docs/diagnosis.md.
     """
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
-    from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
+    from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
     refuse_copies([*runs, *hold_out, *unseen])

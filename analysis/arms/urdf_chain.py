@@ -118,6 +118,8 @@ def _require_a_turn(joint: UrdfJoint, where: str) -> None:
 
 
 def _root(names: Sequence[str], above: dict[str, UrdfJoint], where: str) -> str:
+    if not names:
+        raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
     roots = [name for name in names if name not in above]
     if len(roots) != 1:
         what = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")

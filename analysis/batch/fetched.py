@@ -17,6 +17,7 @@ from analysis.batch.outcomes import Item, Value
 from analysis.batch.remote_path import RemotePath
 from analysis.batch.remote_store import entries, explained, opened
 from analysis.batch.run_files import is_read
+from daq.store.records import to_recover
 from rigs.errors import CellError, FileError, RigError
 
 _PREFIX = "rig-"
@@ -49,8 +50,7 @@ def named(text: str, copy: Path, run: Path) -> str:
     """A text about a copy as one about the run that it was made of, for which nothing changes if it is no copy."""
     if copy == run:
         return text
-    mend = f"run `rig recover {copy}`"
-    return text.replace(mend, "run `rig recover` on a copy of it").replace(str(copy), str(run))
+    return text.replace(to_recover(copy), "run `rig recover` on a copy of it").replace(str(copy), str(run))
 
 
 @contextmanager

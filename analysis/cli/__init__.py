@@ -43,6 +43,8 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
     os.environ.update({name: os.environ.get(name, "1") for name in _THREADS})
+    if os.environ.get("COLUMNS") == "0":
+        del os.environ["COLUMNS"]  # a width that nobody knows: rich would lay everything out in no columns
     gc.set_threshold(_GARBAGE)
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)

@@ -12,16 +12,17 @@ from analysis.cli.options import RigArgument
 def check(
     rig_file: RigArgument,
 ) -> None:
-    """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
+    """Check a rig file: report every mistake with its line, and whether the robot can drive the tests."""
     import datetime as dt  # noqa: PLC0415
 
     from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
     from analysis.noise.certificate import doubts_of  # noqa: PLC0415
     from analysis.reporting.origins import begins_with  # noqa: PLC0415
-    from rigs.load import find, load  # noqa: PLC0415
+    from rigs.load import find, load, named_by  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    tests = feasible_tests(rig)
+    with named_by(rig_file, rig):
+        tests = feasible_tests(rig)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: good")
     say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")

@@ -65,12 +65,12 @@ def correct(
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from rigs.load import load, named_by  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     maker = controller or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
-    with progress_of("correcting"):
+    with named_by(rig_file, rig), progress_of("correcting"):
         found = correct_rig(rig, path, maker, factors, entered=entered)
         written = correction_report.write(found, directory)
     if as_json:

@@ -41,7 +41,7 @@ def diagnose(
     tolerance_um: Annotated[
         float | None,
         typer.Option(
-            min=0.0, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
+            min=0.0, max=1e6, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
         ),
     ] = None,
     as_json: AsJson = False,
@@ -92,7 +92,7 @@ def _hold_writable(output: Path) -> None:
     """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
     only for it, since it takes half a second."""
     from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
-    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
+    from analysis.reporting.html_page import is_page  # noqa: PLC0415
 
     if not is_page(output):
         hold_empty(output)
@@ -124,8 +124,9 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
     from analysis import evaluate_runs  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
+    from analysis.reporting.html_page import is_page  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
-    from analysis.reporting.page.write_page import is_page, write_page  # noqa: PLC0415
+    from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
 
     if is_page(output):
         with progress_of() as progress:

@@ -54,12 +54,13 @@ def emulate(
     from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
-    from rigs.load import load, load_hidden  # noqa: PLC0415
+    from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
 
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
     rig = load_hidden(effects).within(rig) if effects else rig
-    robot = EmulatedRobot.of_rig(rig, seed)
+    with named_by(rig_file, rig):
+        robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -99,9 +100,10 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
     """Lines of standard input start programs, or `show COLUMN VALUE`; `quit`, or a keyboard's end, ends the cell."""
     import sys  # noqa: PLC0415
 
+    from analysis.setup.dialogue import has_keyboard  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 
-    for program in filter(None, map(str.strip, sys.stdin)):
+    for program in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
         if program == "quit":
             break
         try:
@@ -118,6 +120,6 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
         robot.finished.wait()
         say(f"{program}: done")
     else:
-        if not sys.stdin.isatty():
+        if not has_keyboard():
             return  # started without a keyboard: serve until a signal comes
     ends.put(0)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -59,7 +61,7 @@ def fleet(
     from analysis.history.collect import Workers  # noqa: PLC0415
 
     if output:
-        from analysis.reporting.page.write_page import hold_page  # noqa: PLC0415
+        from analysis.reporting.html_page import hold_page  # noqa: PLC0415
 
         hold_page(output)
     if parquet:
@@ -68,15 +70,16 @@ def fleet(
         table.refuse_foreign(parquet)
     if catalogue:
         kept.refuse_foreign(catalogue)
-    file = catalogue or kept.default_path(directory)
     workers, progress = Workers(jobs, scheduler), _Progress()
-    try:
-        with progress:
-            found = gather(directory, file, workers, progress)
-        _write(found, output, parquet, workers, progress)
-    except kept.Damaged:
-        kept.remove(file)  # the error says that the next start makes it again
-        raise
+    with ExitStack() as until_written:
+        file = catalogue or _own_catalogue(directory, until_written)
+        try:
+            with progress:
+                found = gather(directory, file, workers, progress)
+            _write(found, output, parquet, workers, progress)
+        except kept.Damaged:
+            kept.remove(file)  # the error says that the next start makes it again
+            raise
     from analysis.fleet import screen  # noqa: PLC0415
 
     if as_json:
@@ -85,6 +88,20 @@ def fleet(
         from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
         PlainConsole().print(screen.as_screen(found))
+
+
+def _own_catalogue(directory: Path, until: ExitStack) -> Path:
+    """The catalogue in the user's cache, or one for this time where that cannot be written: it only saves time."""
+    from analysis.fleet import catalogue as kept  # noqa: PLC0415
+    from rigs.errors import CellError  # noqa: PLC0415
+
+    file = kept.default_path(directory)
+    try:
+        kept.hold_writable(file)
+    except CellError as error:
+        say(f"{error.where}: {error.what}: every run is evaluated again each time; --catalogue FILE", err=True)
+        return Path(until.enter_context(TemporaryDirectory())) / file.name
+    return file
 
 
 def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:

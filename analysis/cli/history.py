@@ -59,6 +59,10 @@ def history(
 
     if as_json and as_csv:
         raise UseError("--json and --csv", "cannot both be printed", "give one of them")
+    if output:
+        from analysis.reporting.html_page import hold_page  # noqa: PLC0415
+
+        hold_page(output)
     collected = _collected(data, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)

@@ -56,17 +56,18 @@ def plan(
 
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from rigs.load import load, named_by  # noqa: PLC0415
 
     for option, value in (("--output", output), ("--minutes", minutes)):
         if value is not None and not propose:
             raise UseError(option, "is allowed only with --propose", "add --propose")
     rig, text = load(rig_file)
-    named = tests_named(rig, tests)
-    if propose:
-        _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
-    else:
-        _plan(rig, named, runs, as_json=as_json)
+    with named_by(rig_file, rig):
+        named = tests_named(rig, tests)
+        if propose:
+            _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
+        else:
+            _plan(rig, named, runs, as_json=as_json)
 
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, *, as_json: bool) -> None:

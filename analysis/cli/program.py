@@ -17,6 +17,9 @@ from rigs.schema.vocabulary import Maker, ProgramTest
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
 
+_DWELL_S = 3.0
+"""Seconds at each target where nobody says: arms settle within one, and slow gauges answer a few times."""
+
 
 @command(app, "rig program ur10e --for ur --test circle -o programs")
 def program(
@@ -28,8 +31,11 @@ def program(
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
     dwell_s: Annotated[
-        float, typer.Option(min=0.5, max=600, help="Seconds to stand at each target of hemisphere and repeatability.")
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            min=0.5, max=600, help="Seconds to stand at each target of hemisphere and repeatability; default: 3."
+        ),
+    ] = None,
     outputs: Annotated[
         str,
         typer.Option(
@@ -52,11 +58,13 @@ def program(
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
     from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
     from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from rigs.load import load, named_by  # noqa: PLC0415
 
+    if dwell_s is not None and test in ("circle", "roll"):
+        raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
     rig, _ = load(rig_file)
-    with progress_of("checking the programs"):
-        nominal = plans_of(rig, test, dwell_s, _numbers(outputs))
+    with named_by(rig_file, rig), progress_of("checking the programs"):
+        nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs))
         plans = _compensated(nominal, path) if path else nominal
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(maker, list(zip(plans, demands, strict=True)))

@@ -38,8 +38,9 @@ def report(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import runs_below, say_doubts  # noqa: PLC0415
     from analysis.cli.several import end_with, evaluated, worst  # noqa: PLC0415
+    from analysis.reporting.html_page import hold_page  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
-    from analysis.reporting.page.write_page import hold_page, write_page  # noqa: PLC0415
+    from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     hold_page(output)

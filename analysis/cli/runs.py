@@ -30,14 +30,19 @@ def runs(
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
     from daq.store import survey  # noqa: PLC0415
 
+    denied: list[Path] = []
     with progress_of():
-        found = [row(run, time.time()) for run in survey(directory)]
+        found = [row(run, time.time()) for run in survey(directory, denied.append)]
+    for path in denied:
+        say(f"{path}: not listed: this user may not read it", err=True)
     if as_json:
         say_json(found)
         return
-    if not found:
+    if not found and not denied:
         below = next(filter(_holds_runs, sorted(directory.iterdir())), None)
         say(f"{directory} holds no runs" + (f"; {below} does: rig runs {below}" if below else ""))
+        return
+    if not found:
         return
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
@@ -82,17 +87,27 @@ def recover(paths: Runs) -> None:
 
 def _recover(path: Path) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from daq.store import judge  # noqa: PLC0415
     from daq.store import recover as recover_run  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.text import as_argument  # noqa: PLC0415
 
     with progress_of(f"recovering {path}"):
         done = recover_run(path)
+        lost = judge(path).problems if done.nothing_to_do else ()
+    if lost:
+        for line in lost:
+            say(line, err=True)
+        raise FileError(
+            str(path), "is not whole, and nothing in it can be recovered", "restore those files from a copy"
+        )
     for stream, rows in done.rows.items():
         say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
         say(note)
     for file, loss in done.losses.items():
         say(f"lost: {file}: {loss}")
-    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
+    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 
 @command(app, "rig verify runs --jobs auto")

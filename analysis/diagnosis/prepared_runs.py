@@ -98,19 +98,6 @@ def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
     return found, doubts
 
 
-def refuse_copies(runs: Sequence[Measured]) -> None:
-    """Raise FileError where two runs hold the same readings.
-
-    A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
-    """
-    known: dict[tuple[str, ...], Measured] = {}
-    for run in runs:
-        chunks = tuple(chunk.sha256 for chunk in run.run.manifest.chunks)
-        if first := known.get(chunks):
-            raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
-        known[chunks] = run
-
-
 def _differing(one: Rig, other: Rig) -> str:
     fields = [name for name in type(one.robot).model_fields if getattr(one.robot, name) != getattr(other.robot, name)]
     return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"

@@ -10,6 +10,7 @@ from analysis.files.table_problems import TableFileError, TableProblem, quoted
 from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout
 from rigs.errors import FileError
 from rigs.schema.vocabulary import TestName
+from rigs.text import as_argument
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
 """A column that means something in another test is that, and no other one misspelt."""
@@ -47,10 +48,10 @@ def _separator(where: str, names: list[str]) -> None:
         return
     line = ",".join(names)
     if line.count(";") > 2:
-        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {where} > TABLE.csv"
+        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
         raise FileError(where, "separates its columns by semicolons", remedy)
     if line.count("\t") > 2:
-        remedy = f"save it with commas between columns: tr '\\t' ',' < {where} > TABLE.csv"
+        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
         raise FileError(where, "separates its columns by tabs", remedy)
 
 

@@ -181,7 +181,7 @@ def _check_moved(motion: RobotMotion) -> None:
         row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
         raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
     if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
-        raise FileError(motion.where, "the robot stood still", "drive the circle, or jog to three points of it")
+        raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
 
 
 def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:

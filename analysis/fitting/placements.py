@@ -30,7 +30,7 @@ _APART = 3.0
 wrong model increases both."""
 _APART_MM = 5 * BALL_MM.high
 """Smallest difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
-_ELSEWHERE_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
+_MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings from a circle to its repeat above which the ball was moved: three times the largest scatter of
 ball and joints of real cells, at the end of an arm of one metre."""
 _ENOUGH_ROWS = 256
@@ -122,7 +122,7 @@ def _circle_frames(model: Model, observations: Sequence[Observation], places: Se
         table = observations[k].table
         assert isinstance(table, CircleTable)  # noqa: S101 - of one test, all are
         frames = ways.setdefault(table.direction, [])
-        home = next((frame for frame in frames if moved_mm(frame[0], k) < _ELSEWHERE_MM), None)
+        home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
         if home is None:
             frames.append([k])
         else:

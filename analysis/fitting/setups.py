@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from analysis.fitting.observation import Observation, predicted, predicted_in_scene
-from analysis.fitting.rigid import best_rigid, moved_by
+from analysis.geometry.rigid import best_rigid, moved_by
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.model.scene import Scene

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import sqlite3
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass
@@ -88,6 +89,17 @@ def refuse_foreign(path: Path) -> None:
     is_ours = header.startswith(_MAGIC) and header[_ID_AT : _ID_AT + 4] == _OURS.to_bytes(4)
     if header and not is_ours:
         raise FileError(str(path), "is not a catalogue of rig fleet", "give another --catalogue, or remove the file")
+
+
+def hold_writable(path: Path) -> None:
+    """Raise CellError where no catalogue can be kept at a path."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+        if path.exists():
+            path.open("ab").close()
+    except OSError as error:
+        raise _refused(path, error) from None
 
 
 def prepare(path: Path) -> str:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.geometry.circle import frame_of, reversals
-from analysis.geometry.programs import circle_program
+from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
+from rigs.errors import FileError
 from rigs.rig import Rig
 
 
 def feasible_tests(rig: Rig) -> list[str]:
-    """A line for each test. Raises FileError for a circle that the robot cannot drive."""
+    """A line for each test. Raises FileError for a circle that the robot cannot drive, and for a target of the
+    repeatability test that the hemisphere does not have."""
+    return [*_circle(rig), *_hemisphere(rig)]
+
+
+def _circle(rig: Rig) -> list[str]:
     circle = rig.tests.circle
     if circle is None:
         return ["no circle is declared"]
@@ -27,3 +33,16 @@ def feasible_tests(rig: Rig) -> list[str]:
         f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
         f"joint reversals: {listed}",
     ]
+
+
+def _hemisphere(rig: Rig) -> list[str]:
+    hemisphere = rig.tests.hemisphere
+    if hemisphere is None:
+        return []
+    repeatability_targets(rig)
+    named = f"hemisphere of {hemisphere.radius_mm:g} mm"
+    try:
+        program = radial_program(rig)
+    except FileError as error:
+        return [f"{named}: cannot be driven: {error.what}; {error.remedy}"]
+    return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]

@@ -202,20 +202,23 @@ def radial_program(rig: Rig) -> TargetProgram:
 
 def repeatability_program(rig: Rig) -> TargetProgram:
     """The rig's repeatability targets in their middle orientation, one row each. Raises FileError as above."""
-    hemisphere, plan = hemisphere_of(rig), repeatability_of(rig)
+    hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
     polar, azimuth = target_angles(hemisphere)
-    unknown = [number for number in plan.targets if not 1 <= number <= len(polar)]
-    if unknown:
-        where = f"{rig.name}, tests.repeatability"
-        raise FileError(
-            where, f"target {unknown[0]} is not one of the {len(polar)} targets of the hemisphere", "correct targets"
-        )
-    target = np.array(plan.targets, dtype=np.int64)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
     middle = np.full(len(target), (hemisphere.orientations + 1) // 2)
     poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, middle, hemisphere.orientations)
     q = _reach(rig, hemisphere, poses, [f"target {number}" for number in target])
     return TargetProgram(target, polar, azimuth, middle, q)
+
+
+def repeatability_targets(rig: Rig) -> Integers:
+    """The numbers (n,) of the targets of the rig's repeatability test, from 1. Raises FileError for one that its
+    hemisphere does not have."""
+    target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
+    if (unknown := target[target > count]).size:
+        what = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
+        raise FileError(f"{rig.name}, tests.repeatability", what, "correct targets")
+    return target
 
 
 def repeatability_of(rig: Rig) -> Repeatability:

@@ -20,7 +20,7 @@ from analysis.history.changes import FALSE_ALARMS, trend_of
 from analysis.history.history import WATCHED, label_of
 from analysis.history.history_file import FILE, Unusable, read_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of
-from analysis.measures.quantity import Quantity
+from analysis.measures.quantity import Quantity, student_factor
 from daq.store import load_manifest
 from rigs.errors import FileError
 
@@ -28,7 +28,6 @@ _FEWEST_OF_HISTORY = 10
 """Runs of a series from which its history shows a spread; fewer add nothing to the runs that are compared."""
 _EFFICIENCY = 0.37
 """A median of absolute deviations is as good as a standard deviation of this share of the runs (normal law)."""
-_TWO_SIGMA = 0.9545
 Key = tuple[str, str, str]
 
 
@@ -94,8 +93,8 @@ def headlines(found: Sequence[Difference]) -> list[str]:
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
     """The differences of all figures that runs on both sides have, by test and program.
 
-    Raises FileError for a run that has no figures or is on both sides, for runs of different robots, and where the
-    sides have no test in common.
+    Raises FileError for a run that has no figures or whose readings are given twice, for runs of different robots, and
+    where the sides have no test in common.
     """
     _hold_apart(after, before)
     known = _known(Path(run).parent for run in (*before, *after))
@@ -118,6 +117,11 @@ def _hold_apart(after: Sequence[Path], before: Sequence[Path]) -> None:
     both = {path.resolve() for path in after} & {path.resolve() for path in before}
     for path in sorted(both):
         raise FileError(str(path), "is on both sides", "give it before --against or after it")
+    known: dict[tuple[str, ...], Path] = {}
+    for path in (*before, *after):  # a copy repeats nothing: it would show no difference, or no spread
+        first = known.setdefault(load_manifest(path).recording, path)
+        if first is not path:
+            raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:
@@ -161,7 +165,7 @@ def _difference(
     count: int,
     known: dict[Path, dict[str, Record]],
 ) -> Difference:
-    from scipy.stats import t as student  # noqa: PLC0415 - slow to import, needed here only
+    from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
 
     sides = [np.array([record.figures[figure].value for record in side]) for side in (before, after)]
     then, now = (float(side.mean()) for side in sides)
@@ -173,8 +177,8 @@ def _difference(
     u = limit = np.inf
     if freedom > 0:
         error = float(np.sqrt(squares / freedom * sum(1 / len(side) for side in sides)))
-        u = error * float(student.ppf((1 + _TWO_SIGMA) / 2, freedom)) / 2
-        limit = error * float(student.ppf(1 - FALSE_ALARMS / count / 2, freedom))
+        u = error * student_factor(freedom)
+        limit = error * float(stdtrit(freedom, 1 - FALSE_ALARMS / count / 2))
     title = ", ".join([key[0], *([f"at {key[1]}"] if key[1] else [])])
     difference = Quantity(now - then, u, unit)
     return Difference(title, figure, then, now, difference, limit, len(before), len(after))
@@ -191,4 +195,4 @@ def _spread_of_history(key: Key, figure: str, known: dict[Path, dict[str, Record
     quantities = [record.figures[figure] for record in in_time(best)]
     u = np.nan_to_num(np.array([one.u for one in quantities]), posinf=0.0)
     trend = trend_of(np.array([one.value for one in quantities]), u, 1)
-    return trend.spread, _EFFICIENCY * (len(best) - 1)
+    return trend.spread, _EFFICIENCY * (len(best) - 1) if trend.spread > 0 else 0.0

@@ -52,7 +52,8 @@ class Change:
 @dataclass(frozen=True)
 class Trend:
     """What was found in a series: its changes in order of time; wild (n,): which runs were left out; spread: standard
-    deviation from run to run, in the figure's unit, which changes and wild runs do not add to; nan of a single run."""
+    deviation from run to run, in the figure's unit, which changes and wild runs do not add to, or the usual u of a run
+    where most runs repeat one value; nan of a single run."""
 
     changes: tuple[Change, ...]
     wild: Mask
@@ -71,9 +72,13 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
     how many such series of the robot are looked at."""
     wild = wild_runs(values, u)
-    spread = _spread(values[~wild])
+    spread, least = _spread(values[~wild]), 0.0
+    if spread == 0:
+        # Most runs repeat the value before: one that is floored at zero, or read in steps. They scatter by no less than
+        # they are known, and less than that is no change: among many zeros a few small values may lie side by side.
+        spread = least = float(np.median(u[~wild]))
     kept = np.flatnonzero(~wild)[-NEWEST:]
-    found = _changes(values[kept], series) if spread > 0 else []
+    found = [one for one in _changes(values[kept], series) if abs(one.after - one.before) > least]
     changes = [replace(one, first=int(kept[one.first]), last=int(kept[one.last])) for one in found]
     return Trend(tuple(changes), wild, spread)
 

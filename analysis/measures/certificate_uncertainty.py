@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from analysis.measures.quantity import Quantity
+from analysis.measures.quantity import PLACE, Quantity
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
@@ -39,7 +39,7 @@ def _of_circle(figures: Figures, systematic: Systematic, rig: Rig, test: TestNam
     radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
 
     def u(name: str, figure: Quantity) -> float:
-        if name.endswith("_at_deg"):
+        if name.endswith(PLACE):
             return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
         if name == "shift_deg":
             amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))

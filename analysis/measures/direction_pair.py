@@ -25,13 +25,11 @@ from analysis.measures.largest import largest
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, nodes_of
-from analysis.noise.cell import NoiseSource
+from analysis.noise.cell import BALL_ELSEWHERE_MM, NoiseSource
 from analysis.noise.spectrum import DRAWS, NODES
 from rigs.errors import FileError
 
 RANGES = frozenset({"circular_deviation_mm"})
-_ELSEWHERE_MM = 0.06
-"""A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
 _ALIKE = 0.5
 """The share of a move by the angle by which the move by the distance, which a play changes too, may differ."""
 _ALONE, _MOSTLY = 0.9, 0.5
@@ -130,10 +128,10 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
     size, seen = float(np.linalg.norm(moved)), float(np.linalg.norm(by_angle))
     power = np.abs(np.fft.rfft(acw.distance.curve.y - cw.distance.curve.y) / NODES)[1:] ** 2
     alone = float(power[0] / max(power.sum(), 1e-30))
-    if seen > _ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and alone > _MOSTLY:
+    if seen > BALL_ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and alone > _MOSTLY:
         return seen
     # In roll the ball's place does not show in the angle's sine.
-    return size if size > _ELSEWHERE_MM and alone > _ALONE and seen < 0.1 * size else 0.0
+    return size if size > BALL_ELSEWHERE_MM and alone > _ALONE and seen < 0.1 * size else 0.0
 
 
 def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from analysis.measures.quantity import Quantity, figures_of
+from analysis.measures.quantity import PLACE, Quantity, figures_of
 from analysis.measures.reduction import Reduced
+from analysis.noise.cell import least_known
 from analysis.noise.lap_changes import power_of_ramp, without_drift, without_level_steps
 from analysis.noise.readings import rounding_error
 from analysis.noise.spectrum import DRAWS, NODES, ORDERS, LapNoise, noise_of
@@ -148,11 +149,11 @@ def figures(
     excess = {name: max(float(np.median(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
     # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
-    draws = {name: moved[name] if name.endswith("_at_deg") else draw for name, draw in draws.items()}
+    draws = {name: moved[name] if name.endswith(PLACE) else draw for name, draw in draws.items()}
     dulled = plain(np.stack([blurred(curve.y, curve.blur) for curve in curves]))
     # Rows whose places are uncertain have blurred the curve: what as much again takes off a range, they took off, too.
     lost = {name: max(float(values[name] - dulled[name]), 0.0) for name in excess}
-    source = max((curve.noise.source for curve in curves), key=("measured", "borrowed", "assumed").index)
+    source = least_known(curve.noise.source for curve in curves)
     found = figures_of(values, draws, samples, excess, RANGE_U, source)
     return found | {name: _sharpened(found[name], lost[name]) for name in lost}
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.measures.lap_curve import RANGE_U, blurred
-from analysis.measures.quantity import Quantity, figures_of, from_draws
+from analysis.measures.quantity import PLACE, Quantity, figures_of, from_draws
 from analysis.measures.reduction import PHI
 
 _SURE = 0.9545
@@ -36,7 +36,7 @@ def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -
     again = np.abs(flat + errors)
     u = float(np.sqrt(from_draws(0.0, again.max(axis=1), unit).u ** 2 + (RANGE_U * (top - level)) ** 2 + lost**2))
     at, drawn = np.degrees(PHI), _places(curve, flat, errors)
-    place = figures_of({"_at_deg": float(at[peak])}, {"_at_deg": at[drawn]}, samples)["_at_deg"]
+    place = figures_of({PLACE: float(at[peak])}, {PLACE: at[drawn]}, samples)[PLACE]
     return Quantity(level + lost, u, unit, samples), place
 
 

@@ -15,10 +15,10 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.quantity import Quantity
+from analysis.measures.quantity import PLACE, Quantity, half_turns, is_around_circle, student_factor
 from analysis.measures.radial import RadialResult
 from analysis.measures.results import Result
-from analysis.noise.cell import BALL_MM, JOINT_DEG
+from analysis.noise.cell import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG, least_known
 from rigs.errors import FileError
 
 ONE_RUN = (
@@ -26,13 +26,9 @@ ONE_RUN = (
     f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° "
     "elsewhere in the next, and repeat it to see"
 )
-_STUDENT = (6.985, 2.266, 1.653, 1.434, 1.324, 1.259, 1.215, 1.184, 1.160)
-"""Half of what reaches 95.45 % of Student's law to either side, for 1, 2, … degrees of freedom; below, by 1 +
-1.25/ν."""
-_ELSEWHERE_MM = 0.06
-"""A ball so far from the others' was mounted again: three times what clamping and temperature do in a cell, …"""
 _SPREADS = 5.0
-"""… and so many times the usual distance of these runs, which the scatter of joints makes too; …"""
+"""A ball further from the others' than `BALL_ELSEWHERE_MM`, and than so many times the usual distance of these
+runs, which the scatter of joints makes too, was mounted again; …"""
 _TWO_MM = 0.35
 """… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
 _ANYWHERE_DEG = 180.0 / math.sqrt(3)
@@ -98,16 +94,15 @@ def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
 
 def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
     values = np.array([figure.value for figure in figures])
-    if name.endswith(("_at_deg", "shift_deg")):
-        values = values[0] + (values - values[0] + 180.0) % 360.0 - 180.0
+    if is_around_circle(name):
+        values = values[0] + half_turns(values - values[0])
     count, sd = len(values), float(values.std(ddof=1))
-    freedom = count - 1
-    factor = _STUDENT[freedom - 1] if freedom <= len(_STUDENT) else 1 + 1.4 / freedom
-    u = float(np.hypot(factor * sd / np.sqrt(count), min(figure.u for figure in figures)))
+    u = float(np.hypot(student_factor(count - 1) * sd / np.sqrt(count), min(figure.u for figure in figures)))
     middle = float(values.mean())
-    if name.endswith("_at_deg"):
-        middle, u = middle % 360.0, min(u, _ANYWHERE_DEG)
-    source = max((figure.noise for figure in figures), key=("measured", "borrowed", "assumed").index)
+    if is_around_circle(name):
+        u = min(u, _ANYWHERE_DEG)
+        middle = middle % 360.0 if name.endswith(PLACE) else float(half_turns(np.array(middle)))
+    source = least_known(figure.noise for figure in figures)
     samples = sum(figure.samples for figure in figures)
     return BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
 
@@ -118,7 +113,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     once: dict[tuple[str, ...], Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
-        first = once.setdefault(tuple(chunk.sha256 for chunk in run.measured.run.manifest.chunks), run)
+        first = once.setdefault(run.measured.run.manifest.recording, run)
         if first is not run:
             copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
     single = list(once.values())
@@ -131,7 +126,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
             return single, copies
         why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: two set-ups have no common mean"
         return [], [*copies, *((run, why) for run in single)]
-    limit = max(_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
+    limit = max(BALL_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
     near = [run for run, far in zip(single, away, strict=True) if far <= limit]
     others = [
         (run, f"its ball lies {far:.2f} mm from that of the other runs: another set-up, left out of the mean")
@@ -198,4 +193,4 @@ def _apart_mm(one: Result, other: Result) -> float:
     assert isinstance(one.found, CircleResult) and isinstance(other.found, CircleResult)  # noqa: S101 - circles alone
     sine, its, radius = one.found.sine, other.found.sine, one.found.laps.frame.radius
     apart = radius * float(np.hypot(sine.a - its.a, sine.b - its.b))
-    return apart if apart > _ELSEWHERE_MM else 0.0
+    return apart if apart > BALL_ELSEWHERE_MM else 0.0

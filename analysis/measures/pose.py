@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.geometry.rigid import best_rigid
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.measures.checks import hold_numbers
 from analysis.measures.iso_figures import RP_VISITS, rp
@@ -117,7 +118,7 @@ def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
     from scipy.spatial.transform import Rotation  # noqa: PLC0415
 
-    start = _aligned(T[:, :3, 3], xyz_mm)
+    start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
 
     def parts(x: Array) -> tuple[Array, Array, Array]:
@@ -136,12 +137,14 @@ def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
 
 def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
     """Number of the group (n,) of each row: rows whose joints all lie within same_rad of the group's first."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import, needed here only
+
     number = np.full(len(q), -1, dtype=np.int64)
-    count = 0
+    tree, count = cKDTree(q), 0
     for row in range(len(q)):
         if number[row] < 0:
-            near = (np.abs(q - q[row]).max(axis=1) <= same_rad) & (number < 0)
-            number[near] = count
+            near = np.array(tree.query_ball_point(q[row], same_rad, p=np.inf))
+            number[near[number[near] < 0]] = count
             count += 1
     return number
 
@@ -262,14 +265,6 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
     left: Array = (seen * (flange * tool).inv()).as_rotvec()
     whole = _frame(tool.as_matrix(), setup.T_flange_tool[:3, 3])
     return replace(setup, T_flange_tool=whole), left
-
-
-def _aligned(points: Array, seen: Array) -> Array:
-    """The frame that brings points onto seen, (n, 3) each, in least squares (Umeyama 1991)."""
-    middle, other = points.mean(axis=0), seen.mean(axis=0)
-    U, _, V = np.linalg.svd((seen - other).T @ (points - middle))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    return _frame(R, other - R @ middle)
 
 
 def _frame(R: Array, origin: Array) -> Array:

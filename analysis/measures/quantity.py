@@ -11,8 +11,12 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import NoiseSource
 
+_TWO_SIGMA = 0.9545
+"""Probability within two standard deviations of the normal law."""
 _EXACT = 1e-9
 """Above the rounding error of a logarithm, so that 0.1 counts as 10⁻¹."""
+PLACE = "_at_deg"
+"""Ending of the names of places on the circle."""
 _SIGNS = {"c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 
@@ -53,9 +57,28 @@ def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: N
     It is half of what reaches 95.45 % of them to either side, so that 2 u does what it says for tails heavier than the
     normal law's too.
     """
-    low, high = np.quantile(draws, (0.02275, 0.97725))
+    low, high = np.quantile(draws, ((1 - _TWO_SIGMA) / 2, (1 + _TWO_SIGMA) / 2))
     u = float(high - low) / 4
     return Quantity(float(value), 0.0 if u <= 1e-12 * abs(value) else u, unit, samples, noise)
+
+
+def student_factor(freedom: float) -> float:
+    """Return how many standard deviations of a mean its standard uncertainty is, for degrees of freedom: half of what
+    reaches 95.45 % of Student's law to either side, so that 2 u does what it says of few runs."""
+    from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
+
+    return float(stdtrit(freedom, (1 + _TWO_SIGMA) / 2)) / 2
+
+
+def is_around_circle(name: str) -> bool:
+    """Return whether a figure is an angle around the circle, where 359° lies 2° from 1°: a place or a phase."""
+    return name.endswith((PLACE, "shift_deg"))
+
+
+def half_turns(angles_deg: Array) -> Array:
+    """Return angles (...,) in degrees as the same angles between -180 and 180."""
+    found: Array = (angles_deg + 180.0) % 360.0 - 180.0
+    return found
 
 
 def figures_of(
@@ -69,15 +92,16 @@ def figures_of(
     """Figures by name, which ends in the unit, from their values and Monte Carlo draws (m,).
 
     excess: by how much noise makes a range or a maximum too large on average; the value is lowered by it, never below
-    zero, and the correction counts as known to excess_u of itself. Names in `_at_deg` are places on a circle: 359° lies
-    2° from 1°.
+    zero, and the correction counts as known to excess_u of itself.
     """
     figures = {}
     for name, plain in values.items():
         value, spread = float(plain), draws[name]
-        if name.endswith("_at_deg"):
-            away = np.abs((spread - value + 180.0) % 360.0 - 180.0)
-            figures[name] = Quantity(value, float(np.quantile(away, 0.9545)) / 2, "deg", samples, noise)
+        if is_around_circle(name):
+            spread = value + half_turns(spread - value)
+        if name.endswith(PLACE):
+            u = float(np.quantile(np.abs(spread - value), _TWO_SIGMA)) / 2
+            figures[name] = Quantity(value, u, "deg", samples, noise)
             continue
         figure = from_draws(value, spread, name.rsplit("_", 1)[1], samples, noise)
         if excess and name in excess:

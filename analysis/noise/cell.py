@@ -9,12 +9,18 @@ scale. Robots: data-sheet repeatability after ISO 9283 (RP ± 10 µm of small ar
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 NoiseSource = Literal["measured", "borrowed", "assumed"]
 """The source of a noise level: measured from repeats in this run, borrowed from another run of the cell, or assumed
 from this table."""
+
+
+def least_known(sources: Iterable[NoiseSource]) -> NoiseSource:
+    """Return the least certain of several sources, which is that of a figure made with all of them."""
+    return max(sources, key=get_args(NoiseSource).index)
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,8 @@ JOINT_DEG = LogUniform(0.0003, 0.005)
 """Scatter of a joint's position between runs, from repeatability and the resolution of encoders."""
 BALL_MM = LogUniform(0.001, 0.020)
 """Scatter of the ball's position between runs, along each axis, from clamping and temperature."""
+BALL_ELSEWHERE_MM = 3 * BALL_MM.high
+"""A ball that lies so far from where it was, was touched or mounted again."""
 TARGET_MM = LogUniform(0.003, 0.060)
 """Scatter between stops at one target, from ISO 9283 repeatability; each target has its own, with heavy tails."""
 DRIFT_MM_PER_S = 0.020 / 600.0

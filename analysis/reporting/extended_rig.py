@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from analysis.files.write import make_parent
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
 from rigs.extend import extended
@@ -47,6 +48,7 @@ def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:
     """A rig file's text with effects added, as a new file. Raises FileError where it exists or cannot be written,
     RigFileError where an effect is beyond its bounds."""
     grown = extended(text, effects, str(output))
+    make_parent(output)
     try:
         with output.open("x", encoding="utf-8") as file:
             file.write(grown)

@@ -1,5 +1,5 @@
-"""One HTML file: templates whose text is plain and escaped, and a write that keeps the old page until the new one is
-whole."""
+"""One HTML file: its name, templates whose text is plain and escaped, and a write that keeps the old page until the new
+one is whole."""
 
 from __future__ import annotations
 
@@ -14,6 +14,17 @@ from rigs.text import plain_lines
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+
+def is_page(file: Path) -> bool:
+    """Whether a name is that of a page."""
+    return file.suffix.lower() in (".html", ".htm")
+
+
+def hold_page(file: Path) -> None:
+    """Raises FileError unless a file can be a page: its name says so, since browsers go by the name."""
+    if not is_page(file):
+        raise FileError(str(file), "is not the name of a page", "give --output FILE.html")
 
 
 def environment() -> Environment:

@@ -94,4 +94,10 @@ class Dialogue:
 
 def at_terminal(say: Callable[[str], None], busy: Busy) -> Dialogue:
     """Return the dialogue with the person at this program's terminal, if it has one."""
-    return Dialogue(say, busy, sys.stdin.isatty() and sys.stdout.isatty(), sys.stdin, sys.stdout)
+    has_terminal = has_keyboard() and sys.stdout.isatty()
+    return Dialogue(say, busy, has_terminal, sys.stdin, sys.stdout)
+
+
+def has_keyboard() -> bool:
+    """Return whether a person can type to this program; standard input may be a file, or closed."""
+    return sys.stdin is not None and sys.stdin.isatty()

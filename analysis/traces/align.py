@@ -191,8 +191,8 @@ def timing_doubts(name: str, instants: Instants) -> list[str]:
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
-    """The values in order of time, without rows that hold no reading or whose time is unknown, and without second
-    values of an instant."""
+    """The values in order of time, without rows that hold no reading or whose time is unknown, and of each instant the
+    last one: messages that arrive together waited for it."""
     if odd := int((~sound).sum()):
         doubts.append(f"{name}: {odd} rows that hold no valid reading are left out; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
@@ -206,8 +206,15 @@ def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: li
     if not there.all():
         ns, values, own_u_s = ns[there], values[there], own_u_s[there]
     if not (np.diff(ns) > 0).all():
-        ns, first = np.unique(ns, return_index=True)
-        values, own_u_s = values[first], own_u_s[first]
+        order = np.argsort(ns, kind="stable")
+        is_last = np.append(np.diff(ns[order]) > 0, True)
+        kept, instant = order[is_last], np.cumsum(is_last) - is_last
+        if dropped := int((values[order] != values[kept][instant]).any(axis=1).sum()):
+            doubts.append(
+                f"{name}: {dropped} rows are left out because they arrived together with a later one; "
+                "have each message sent at once (TCP_NODELAY), or with the sender's own time"
+            )
+        ns, values, own_u_s = ns[kept], values[kept], own_u_s[kept]
     return _Track(ns, values, instants.u_s, own_u_s)
 
 

@@ -191,7 +191,14 @@ def robot_instants(stream: Columns) -> Instants:
         return asked_instants(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
-    return replace(_listened(fitted, float(np.median(np.diff(fitted.ns)))), doubts=doubts)
+    return replace(_listened(fitted, _cycle_ns(fitted.ns)), doubts=doubts)
+
+
+def _cycle_ns(instants: Array) -> float:
+    """The time in ns from one message to the next, at instants (n,) ns: the usual one, or that on average where some
+    arrived together, as a network bundles them."""
+    apart = np.diff(instants)
+    return float(np.mean(apart) if (apart == 0).any() else np.median(apart))
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:

@@ -64,6 +64,18 @@ def load_measured(path: Path) -> Measured:
     return measured_of(replace(run, path=path))
 
 
+def refuse_copies(runs: Sequence[Measured]) -> None:
+    """Raise FileError where two runs hold the same readings.
+
+    A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
+    """
+    known: dict[tuple[str, ...], Measured] = {}
+    for run in runs:
+        first = known.setdefault(run.run.manifest.recording, run)
+        if first is not run:
+            raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
+
+
 def measured_of(run: Run) -> Measured:
     """A run that has been read, with its rig and its table. Raises FileError."""
     path = run.path

@@ -45,7 +45,7 @@ def evidence_of(items: Iterable[Item]) -> Evidence:
             row, readings = row + size_of(item), readings + size_of(item)
             longest = max(longest, row)
         elif item.kind not in OF_THE_INSTRUMENT:
-            row, faults = 0, faults + 1
+            row, faults = 0, faults + item.count
     return Evidence(readings, longest, faults)
 
 

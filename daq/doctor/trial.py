@@ -80,7 +80,9 @@ class Trial:
     @property
     def understood(self) -> bool:
         """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
-        kinds = Counter(fault.kind for fault in faults_of(self.items))
+        kinds = Counter[FaultKind]()
+        for fault in faults_of(self.items):
+            kinds[fault.kind] += fault.count
         said, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
         return said >= _ENOUGH and said > garbled
 
@@ -133,9 +135,10 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         link.note_items(new)
         items.extend(new)
 
+    host = stream.host()
     try:
-        run_conversation(counted, stream.host(), deliver, ended)
-        items += link.take_ignored()
+        run_conversation(counted, host, deliver, ended)
+        items += [*host.lost(time.monotonic_ns()), *link.take_ignored()]  # with the faults that it still holds back
     except LinkLost as lost:
         items.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
     finally:

@@ -33,6 +33,7 @@ from daq.store import NearlyFull, RunWriter
 from daq.store.records import Ending
 from daq.store.run_directory import RunRemoved
 from rigs.errors import CellError, RigError
+from rigs.text import as_argument
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
@@ -287,7 +288,7 @@ class Recorder(threading.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            repair = CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}")
+            repair = CellError(str(path), self.last_end, f"remove the cause, then: rig recover {as_argument(path)}")
             run.ended.set_exception(error if isinstance(error, RunRemoved) else repair)
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"

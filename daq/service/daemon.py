@@ -220,6 +220,8 @@ def _warn_if_not_writable(runs: Path) -> None:
     try:
         runs.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=runs).close()
+    except FileExistsError:
+        log.warning("%s: no run can be recorded: it is a file; give rigd a directory there", runs)
     except OSError as error:
         log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
 

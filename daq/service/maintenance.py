@@ -24,6 +24,8 @@ _RETENTION_S = 600.0
 _WARN_AGAIN_S = 3600.0
 _PAUSE_S = 0.002
 """Between two runs: reading a thousand manifests in one go would hold up the readers of this process."""
+_FIRST = b"# HELP rig_"
+"""What every metrics file of rigd begins with."""
 
 
 class Maintenance(threading.Thread):
@@ -36,9 +38,13 @@ class Maintenance(threading.Thread):
         self._warned = False
 
     def start(self) -> None:
-        """Write the metrics, then begin. Raises CellError if the metrics file cannot be written."""
+        """Write the metrics, then begin. Raises CellError if the metrics file cannot be written, or if the file is
+        there already and is not one of rigd's, which would be lost."""
         if self._metrics is not None:
             try:
+                if os.path.lexists(self._metrics) and not _is_own(self._metrics):
+                    remedy = "give another --metrics, or remove it first"
+                    raise CellError(str(self._metrics), "exists already and is not a metrics file of rigd", remedy)
                 write_atomically(self._metrics, self._text())
             except OSError as error:
                 what = f"cannot be written: {error.strerror or error}"
@@ -60,7 +66,8 @@ class Maintenance(threading.Thread):
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
             with contextlib.suppress(OSError):
-                self._metrics.unlink(missing_ok=True)  # its content is out of date
+                if _is_own(self._metrics):
+                    self._metrics.unlink(missing_ok=True)  # its content is out of date
 
     def _write_metrics(self) -> None:
         if self._metrics is None:
@@ -72,6 +79,14 @@ class Maintenance(threading.Thread):
             if not self._warned:
                 log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
             self._warned = True
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether a file is one that rigd wrote, or an empty one, which holds nothing to lose. Raises OSError."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_FIRST)) in (b"", _FIRST)
 
 
 def write_atomically(path: Path, text: str) -> None:

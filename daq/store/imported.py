@@ -40,7 +40,7 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     nothing is written.
 
     source, source_sha256: name and checksum of the file that the table was read from. The run's name is
-    that of its directory. Raises FileError where the operator holds control characters.
+    that of its directory. Raises UseError for the name of an operator that no run may hold.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -49,7 +49,7 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         direction=direction,
         rig_name=rig_name,
         rig_text=rig_text,
-        operator=hold_operator(str(path), operator),
+        operator=hold_operator(operator),
         placement=placement,
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),

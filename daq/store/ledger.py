@@ -17,7 +17,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.records import Chunk, Clock, Record, Relabelling, Seal, sha256
+from daq.store.records import Chunk, Clock, Record, Relabelling, Seal, sha256, to_recover
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -142,7 +142,7 @@ class Ledger:
         found = read_ledger(run)
         if found.unread_lines:
             what = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
-            raise FileError(str(run), what, f"run `rig recover {run}`, which keeps them")
+            raise FileError(str(run), what, f"{to_recover(run)}, which keeps them")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), found.size, found.last)
 
     def append(self, entry: Entry) -> None:

@@ -35,9 +35,10 @@ from daq.store.records import (
     iso_now,
     parse_chunk,
     sha256,
+    to_recover,
 )
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.files import read_bytes
 from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
@@ -45,6 +46,8 @@ from rigs.schema.vocabulary import Direction, TestName
 MANIFEST = "manifest.json"
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """The fields that follow from the ledger, in a run of version 2."""
+_LONGEST_OPERATOR = 200
+"""Characters; names of people and shifts fit, a page that was pasted does not."""
 _MOST_BYTES = 100_000_000
 """The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
 try:
@@ -53,23 +56,28 @@ except metadata.PackageNotFoundError:
     _RIG_VERSION = "not installed"
 
 
-def in_one_line(text: str) -> str:
-    """Return a text that can be shown in one line. Raises ValueError if it contains control characters."""
+def operator_name(text: str) -> str:
+    """Return a name as a run may hold it and a line can show it. Raises ValueError if it contains control characters
+    or is too long."""
+    text = storable(text)
+    if len(text) > _LONGEST_OPERATOR:
+        raise ValueError(f"a name of {len(text)} characters; write at most {_LONGEST_OPERATOR}")
     if not text.isprintable():
         raise ValueError(f"{text!r} holds control characters; write it in one line")
     return text
 
 
-def hold_operator(where: str, name: str) -> str:
-    """Return the operator's name as a run may hold it. Raises FileError if it contains control characters."""
+def hold_operator(name: str) -> str:
+    """Return the operator's name as a run may hold it. Raises UseError if it contains control characters or is too
+    long."""
     try:
-        return in_one_line(storable(name))
-    except ValueError:
-        what = f"the operator's name {name!r} contains control characters"
-        raise FileError(where, what, "give --operator in one line of plain text") from None
+        return operator_name(name)
+    except ValueError as error:
+        what, _, remedy = str(error).partition("; ")
+        raise UseError("--operator", what, remedy) from None
 
 
-Operator = Annotated[Text, AfterValidator(in_one_line)]
+Operator = Annotated[Text, AfterValidator(operator_name)]
 """Who measures, as it is entered; manifests of older runs may hold any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
 """Where instrument or ball stand, by a name that a person gives; runs of one placement share one set-up."""
@@ -149,6 +157,11 @@ class Manifest(Record):
         """Return the chunks of one stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
+
+    @property
+    def recording(self) -> tuple[str, ...]:
+        """What was recorded, as the SHA-256 of each chunk: copies of a run have the same."""
+        return tuple(chunk.sha256 for chunk in self.chunks)
 
     def wall_ns(self, monotonic_ns: int) -> int:
         """Return what the wall clock showed at a stamp, in ns since 1970."""
@@ -258,10 +271,10 @@ def load_manifest(run: Path) -> Manifest:
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
         if not any(parse_chunk(file.name) for file in run.iterdir()):
             raise FileError(str(run), "holds no run", "give the directory of a run") from None
-        raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
+        raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
     except ValidationError as error:
         what = f"is damaged or of another version: {first_error(error)}"
-        raise FileError(str(path), what, f"run `rig recover {run}` or restore the file") from None
+        raise FileError(str(path), what, f"{to_recover(run)} or restore the file") from None
     except OSError as error:
         raise unreadable(path, error) from None
 
@@ -270,7 +283,7 @@ def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:
     entries = read_ledger(run).entries
     if entries and entries[0].opening != digest:
         what = f"has changed since the run began: {LEDGER} names another SHA-256"
-        raise FileError(str(run / MANIFEST), what, f"run `rig recover {run}` or restore the file")
+        raise FileError(str(run / MANIFEST), what, f"{to_recover(run)} or restore the file")
     return manifest.with_entries(entries)
 
 

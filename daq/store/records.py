@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import re
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from daq.store.schema import ColumnType, storable
+from rigs.text import as_argument
 
 Ending = Literal["complete", "interrupted", "failed"]
 ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
@@ -92,6 +94,11 @@ class Seal(Record):
     ended: str | None
     rows: dict[Name, Count]
     counters: dict[str, dict[str, Count]]
+
+
+def to_recover(run: Path) -> str:
+    """Return what a person should do about a run that was cut off or is damaged, as it can be copied into a shell."""
+    return f"run `rig recover {as_argument(run)}`"
 
 
 def first_error(error: ValidationError) -> str:

@@ -69,7 +69,15 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        raise CellError(str(path), f"cannot be recovered: {error}", f"{_remedy(error)}; nothing was lost") from error
+        raise CellError(
+            str(path), f"cannot be recovered: {_in_words(error)}", f"{_remedy(error)}; nothing was lost"
+        ) from error
+
+
+def _in_words(error: Exception) -> str:
+    """Return what went wrong and with which file; the system names some by a number that says nothing."""
+    what, file = getattr(error, "strerror", None), getattr(error, "filename", None)
+    return f"{what}: {file!r}" if what and isinstance(file, str) else str(what or error)
 
 
 def _remedy(error: Exception) -> str:

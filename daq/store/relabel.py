@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from daq.store import durable
 from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
-from daq.store.records import Relabelling, first_error, iso_now
-from rigs.errors import CellError, FileError
+from daq.store.records import Relabelling, first_error, iso_now, to_recover
+from rigs.errors import CellError, FileError, UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 _GAUGED = ("yaw", "roll", "radial", "repeatability")
@@ -32,7 +32,8 @@ def relabel(
     """Give a run another test, direction, operator or placement, durably and all at once; None leaves a word as it is.
 
     A run that becomes one without a circle loses its direction. Returns the manifest as it is now. Raises FileError
-    where the run is being recorded, was not closed, or cannot be what the words say; CellError when the disk refuses.
+    where the run is being recorded, was not closed, or cannot be what the words say; UseError for words that no run
+    may hold; CellError when the disk refuses.
     """
     load_manifest(run)
     try:
@@ -42,7 +43,7 @@ def relabel(
         try:
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
-                raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
+                raise FileError(str(run), "was not closed: the recording crashed", to_recover(run))
             changed = _relabelled(run, manifest, test, direction, operator, placement)
             if changed != manifest:
                 _save(run, changed, changed.relabelled[len(manifest.relabelled) :])
@@ -77,7 +78,7 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
-        words["operator"] = hold_operator(str(run), operator)
+        words["operator"] = hold_operator(operator)
     if placement is not None:
         words["placement"] = placement
     at = iso_now()
@@ -92,7 +93,7 @@ def _relabelled(
     try:
         return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
-        raise FileError(str(run), first_error(error), PLACEMENT_RULE) from None
+        raise UseError(str(run), first_error(error), PLACEMENT_RULE) from None
 
 
 def _test_and_direction(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -56,8 +56,9 @@ class Decision:
     over: int
 
 
-def survey(runs: Path) -> Iterator[RunInfo]:
-    """Return every run in a directory that this user may read, in order of name.
+def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
+    """Return every run in a directory that this user may read, in order of name, and call `denied` with each
+    directory that this user may not.
 
     Raises FileError where there is no such directory.
     """
@@ -66,10 +67,16 @@ def survey(runs: Path) -> Iterator[RunInfo]:
     except OSError as error:
         raise FileError(str(runs), error.strerror or str(error), "give the directory that holds the runs") from None
     for path in entries:
-        # Deleted or moved away meanwhile, or not for this user: as lost+found, where the runs have a disk of their own.
-        with suppress(FileNotFoundError, PermissionError):
-            if _is_run(path):
-                yield look(path)
+        try:
+            if not _is_run(path):
+                continue
+            seen = look(path)
+        except FileNotFoundError:  # deleted or moved away meanwhile
+            continue
+        except PermissionError:
+            denied(path)
+            continue
+        yield seen
 
 
 def _is_run(path: Path) -> bool:

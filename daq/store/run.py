@@ -17,7 +17,7 @@ from daq.store.arrays import array_of, piece_of
 from daq.store.chunk import MOST_BYTES, from_parquet
 from daq.store.durable import TEMPORARY, is_locked
 from daq.store.manifest import Manifest, load_manifest, unreadable
-from daq.store.records import Chunk, sha256
+from daq.store.records import Chunk, sha256, to_recover
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -60,7 +60,7 @@ def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
     except OSError as error:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):
-        raise FileError(str(path), "was not closed: the recording crashed", f"run `rig recover {path}`")
+        raise FileError(str(path), "was not closed: the recording crashed", to_recover(path))
 
 
 def is_unclosed(path: Path) -> bool:

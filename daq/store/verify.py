@@ -14,7 +14,7 @@ from daq.store import durable
 from daq.store.ledger import LEDGER, read_ledger
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
-from daq.store.records import sha256
+from daq.store.records import sha256, to_recover
 from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
@@ -110,8 +110,11 @@ def judge(path: Path) -> Verdict:
         manifest.is_sealed,
         recovered,
         tuple(gap for stream in streams for gap in stream.gaps),
-        (*ledger, *_manifest(path, manifest, is_recorded=is_recorded), *_marks(path), *left, *problems),
-    )
+        (
+            *(ledger or _table(path, manifest)), *_manifest(path, manifest, is_recorded=is_recorded),
+            *_marks(path), *left, *problems,
+        ),
+    )  # fmt: skip
 
 
 def _ledger(path: Path, manifest: Manifest) -> list[str]:
@@ -122,10 +125,10 @@ def _ledger(path: Path, manifest: Manifest) -> list[str]:
     except OSError as error:
         raise unreadable(path / LEDGER, error) from None
     if not found.entries:
-        return [f"{path / LEDGER}: is missing or damaged from its first line on; run `rig recover {path}`"]
+        return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
     if found.unread and manifest.exit_status != "recording":
         line = len(found.entries) + 1
-        return [f"{path / LEDGER}: line {line} and what follows cannot be verified; run `rig recover {path}`"]
+        return [f"{path / LEDGER}: line {line} and what follows cannot be verified; {to_recover(path)}"]
     return []
 
 
@@ -134,12 +137,17 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
     if is_recorded:
         problems.append(f"{path}: is being recorded; wait for its end, or end it: rig record stop")
     elif manifest.exit_status == "recording":
-        problems.append(f"{path}: was never ended: the recording crashed; run `rig recover {path}`")
+        problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
-    if manifest.table and not manifest.chunks_of(TABLE):
-        problems.append(f"{path}: its table is not there; import {manifest.table.file} again")
     return problems
+
+
+def _table(path: Path, manifest: Manifest) -> list[str]:
+    """What is wrong with an imported run whose ledger lists no table."""
+    if manifest.table is None or manifest.chunks_of(TABLE):
+        return []
+    return [f"{path}: its table is not there; import {manifest.table.file} again"]
 
 
 def _marks(path: Path) -> list[str]:
@@ -152,7 +160,7 @@ def _marks(path: Path) -> list[str]:
 
 def _left_over(path: Path, manifest: Manifest) -> list[str]:
     where = "manifest" if manifest.version == 1 else "ledger"
-    return [f"{file}: is not in the {where}; run `rig recover {path}`" for file in left_over(path, manifest)]
+    return [f"{file}: is not in the {where}; {to_recover(path)}" for file in left_over(path, manifest)]
 
 
 def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:

@@ -33,6 +33,7 @@ from daq.store.schema import FAULTS, schema_of
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
 from rigs.schema.vocabulary import Direction, TestName
+from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000
 """Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""
@@ -294,5 +295,5 @@ def _refused(run: Path, error: Exception) -> CellError:
     if isinstance(error, FileNotFoundError):
         return RunRemoved(run)
     remedy = durable.remedy(error, "make room or repair the disk")
-    safe = f"what was synced is safe: `rig recover {run}`"
+    safe = f"what was synced is safe: `rig recover {as_argument(run)}`"
     return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")

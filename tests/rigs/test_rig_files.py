@@ -153,10 +153,11 @@ def test_a_rate_too_slow_to_record_with_is_refused() -> None:
 
 def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
     sexagesimal = "1" + ":0" * 200_000
-    for digits in ("0x" + "f" * 10_000, "9" * 10_000, sexagesimal, f"-{sexagesimal}.5", "1" + "_0" * 50):
+    tagged = (("!!int ", sexagesimal), ("!!float ", f"-{sexagesimal}.5"))
+    for tag, digits in (("", "0x" + "f" * 10_000), ("", "9" * 10_000), *tagged, ("", "1" + "_0" * 50)):
         begun_s = time.monotonic()
         with pytest.raises(RigFileError, match=rf"line \d+: a number of {len(digits)} characters") as raised:
-            parse(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"), "rig.yaml")
+            parse(TEXT.replace("radius_mm: 70", f"radius_mm: {tag}{digits}"), "rig.yaml")
         assert len(str(raised.value)) < 200
         assert time.monotonic() - begun_s < 5, "a megabyte of sexagesimal digits took half a minute"
 
@@ -175,6 +176,12 @@ def test_what_is_no_file_or_has_no_end_is_not_read(tmp_path: Path) -> None:
 def test_a_name_too_long_for_a_file_is_told() -> None:
     with pytest.raises(FileError, match="too long"):
         load("a" * 5000)
+
+
+@pytest.mark.parametrize("written", ["yes", "on", "1:10", "1:10.5"])
+def test_what_only_yaml_1_1_takes_for_a_number_is_refused(written: str) -> None:
+    (message,) = (words for _, words in _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {written}")).values())
+    assert message.endswith(f"not '{written}'")
 
 
 def test_a_key_given_twice_is_refused() -> None:

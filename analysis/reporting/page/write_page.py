@@ -31,18 +31,6 @@ from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
 from analysis.traces.loading import SIMULATED
-from rigs.errors import FileError
-
-
-def is_page(file: Path) -> bool:
-    """Whether a name is that of a page."""
-    return file.suffix.lower() in (".html", ".htm")
-
-
-def hold_page(file: Path) -> None:
-    """Raises FileError unless a file can be a page: its name says so, since browsers go by the name."""
-    if not is_page(file):
-        raise FileError(str(file), "is not the name of a page", "give --output FILE.html")
 
 
 def write_page(report: Report, file: Path, language: Language = "en") -> Path:

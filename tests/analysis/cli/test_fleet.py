@@ -135,6 +135,17 @@ def test_what_is_wrong_is_one_line(
     assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))
 
 
+def test_without_a_place_for_its_catalogue_every_run_is_read(
+    work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (work / "letter").write_text("Dear all,")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(work / "letter"))
+    for _ in range(2):
+        assert ended("fleet", "plant") == 0
+        done = capsys.readouterr()
+        assert "every run is evaluated again each time" in done.err and "30 runs, 30 of them read" in done.out
+
+
 def test_damaged_records_are_one_line_and_the_next_start_makes_them_again(
     work: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

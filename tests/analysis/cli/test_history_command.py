@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from analysis.history.page import write_page
 from analysis.history.words import remarks, sentences
 from rigs.errors import FileError, UseError
 from rigs.load import SHIPPED
+from tests.support import command_line
 from tests.support.dated_runs import dated_run
 from tests.support.figure_histories import Growth, collected, drawn_history
 
@@ -86,6 +88,22 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     ):
         with pytest.raises(kind, match=words):
             ran("history", "ur10e", "--data", runs, *options)
+
+
+def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
+    letter = tmp_path / "letter.txt"
+    letter.write_text("Dear all,")
+    done = command_line.ran("history", "ur10e", "--data", runs, "-o", letter)
+    assert done.returncode == 3 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
+    assert letter.read_text() == "Dear all,"
+
+
+def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
+    run = next(path for path in sorted(runs.iterdir()) if path.is_dir())
+    copy = shutil.copytree(run, tmp_path / "copy")
+    for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
+        done = command_line.ran(*words)
+        assert done.returncode == 3 and "holds the same readings as" in done.stderr
 
 
 def test_compare_takes_every_run_after_against(runs: Path) -> None:

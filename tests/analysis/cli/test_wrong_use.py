@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
+from daq.store import retention
+from rigs.load import SHIPPED
+from tests.support.bench import BIN
 from tests.support.command_line import ran
 
 
@@ -17,6 +22,11 @@ from tests.support.command_line import ran
         (("calibrate", "run", "--fit", "joint_offset", "--groups"), "--groups: says how --share chooses"),
         (("live", "--speed", "2"), "--speed: is allowed only with --run"),
         (("live", "--plain", "--json"), "--plain and --json: exclude each other"),
+        (
+            ("program", "ur10e", "--for", "ur", "--test", "circle", "-o", "out", "--dwell-s", "5"),
+            "rig program: Invalid value for --dwell-s: the circle program stands at no targets",
+        ),
+        (("diagnose", "run", "--tolerance-um", "inf"), "rig diagnose: Invalid value for '--tolerance-um'"),
     ],
 )
 def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line: str) -> None:
@@ -27,6 +37,79 @@ def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line
 def test_a_directory_is_no_rig_file(tmp_path: Path) -> None:
     done = ran("check", tmp_path)
     assert done.returncode == 3 and f"{tmp_path}: is a directory, and no rig file; give a file in it" in done.stderr
+
+
+def test_a_rig_is_named_by_its_file_and_the_part_of_it(tmp_path: Path) -> None:
+    data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+    data["tests"]["repeatability"] = {"targets": [1, 99]}
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(yaml.safe_dump(data))
+    line = f"error: {cell}, tests.repeatability: target 99 is not one of the 37 targets of the hemisphere; correct"
+    simulated = ("simulate", cell, "--test", "repeatability", "-o", tmp_path / "out")
+    written = ("program", cell, "--for", "ur", "--test", "repeatability", "-o", tmp_path / "out")
+    for words in (("check", cell), simulated, written):
+        done = ran(*words)
+        assert done.returncode == 3 and done.stderr.startswith(line)
+    done = ran("correct", cell, "-o", tmp_path / "out")
+    assert done.stderr.startswith(f"error: {cell}: has no effects to correct")
+
+
+def test_a_hemisphere_out_of_reach_is_reported_and_the_file_is_good(tmp_path: Path) -> None:
+    data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+    data["tests"]["hemisphere"]["centre_mm"] = [9000, 0, 0]
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(yaml.safe_dump(data))
+    done = ran("check", cell)
+    assert done.returncode == 0 and "hemisphere of 400 mm: cannot be driven: 111 of 111 poses are out" in done.stdout
+    assert "37 targets in 3 orientations, all reachable" in ran("check", "paper-fanuc").stdout
+
+
+def test_nobody_types_where_standard_input_is_closed(tmp_path: Path) -> None:
+    closed = ["sh", "-c", '"$0" "$@" <&-', BIN / "rig", "init", tmp_path / "cell.yaml"]
+    done = subprocess.run(closed, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.startswith("error: --robot: is not given, and without a terminal")
+
+
+def test_a_width_of_0_is_unknown() -> None:
+    assert "yaw" in ran("analyse", "--help", COLUMNS="0").stdout
+
+
+def test_a_directory_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lap").mkdir()
+
+    def denied(run: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    # private: root may read everything
+    monkeypatch.setattr(retention, "_is_run", denied)
+    done = ran("runs", tmp_path)
+    assert done.stderr == f"{tmp_path / 'lap'}: not listed: this user may not read it\n" and not done.stdout
+
+
+def test_what_nothing_recovers_is_reported(tmp_path: Path) -> None:
+    assert ran("simulate", "paper-fanuc", "--test", "yaw", "--direction", "cw", "-o", tmp_path).returncode == 0
+    (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert ran("recover", run).stdout == f"{run}: nothing to do\n"
+    ledger, table = run / "ledger.jsonl", run / "table-0001.parquet"
+    kept = ledger.read_bytes()
+    ledger.unlink()
+    assert ran("verify", run).stderr.splitlines()[0].endswith(f"run `rig recover {run}`")
+    assert "import" not in ran("verify", run).stderr, "the table is there"
+    ledger.write_bytes(kept)
+    table.write_bytes(table.read_bytes()[:-9])
+    done = ran("recover", run)
+    assert done.returncode == 3 and "nothing to do" not in done.stdout
+    assert done.stderr.splitlines()[-1] == (
+        f"error: {run}: is not whole, and nothing in it can be recovered; restore those files from a copy"
+    )
+
+
+def test_a_missing_directory_is_made(tmp_path: Path) -> None:
+    assert ran("simulate", "paper-fanuc", "--test", "yaw", "--direction", "cw", "-o", tmp_path).returncode == 0
+    (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv").returncode == 0
+    done = ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv" / "x.csv")
+    assert done.returncode == 3 and "lap.csv: is a file, and a directory is needed; give another" in done.stderr
 
 
 def test_runs_below_are_pointed_out(tmp_path: Path) -> None:

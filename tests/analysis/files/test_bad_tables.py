@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from analysis.files.ros_bag import MAGIC
 from analysis.files.table_problems import TableFileError
 from analysis.files.units import check_units
 from analysis.traces.csv_tables import table_from
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
 from tests.support.written_runs import import_table
@@ -198,6 +199,16 @@ def test_another_separator() -> None:
     assert "separates its columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 
+def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> None:
+    foreign = tmp_path / "my laps;touch evil.csv"
+    foreign.write_text("a;b;c;d;e\n1;2;3;4;5\n")
+    with pytest.raises(FileError) as raised:
+        read_file(foreign, "pose", rig())
+    subprocess.run(["sh", "-c", raised.value.remedy.partition(": ")[2]], cwd=tmp_path, check=True)
+    assert (tmp_path / "TABLE.csv").read_text() == "a,b,c,d,e\n1,2,3,4,5\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["TABLE.csv", foreign.name]
+
+
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
@@ -252,7 +263,7 @@ def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
 def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
-    with pytest.raises(FileError, match="contains control characters; give --operator in one line"):
+    with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
     assert not (tmp_path / "r").exists()
 

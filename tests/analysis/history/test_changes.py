@@ -49,6 +49,22 @@ def test_slow_growth_has_its_begin_and_goes_on() -> None:
     assert change.after - change.before == pytest.approx(12, abs=3)
 
 
+def test_a_step_is_found_where_most_runs_repeat_a_value() -> None:
+    """As ranges that are floored at zero do, and figures of gauges with coarse steps."""
+    stepped = np.repeat([0.01, 0.05], 20)
+    assert found(100 * stepped) == [(19, 20)]
+    rounded = np.round(scatter(5, 60) / 3 + 8.0 * (np.arange(60) >= 40)) // 4 * 4
+    (change,) = found(rounded)
+    assert change == pytest.approx((39, 40), abs=1)
+    assert trend_of(stepped, np.full(40, 0.003), SERIES).spread == 0.003, "as well as a run is known"
+
+
+def test_a_few_small_values_among_zeros_are_no_change() -> None:
+    rng = np.random.default_rng(5)
+    floored = np.maximum(rng.normal(-1.6, 1.0, (40, 60)), 0.0)
+    assert [trend_of(one, np.full(60, 0.5), SERIES).changes for one in floored].count(()) >= 39
+
+
 @pytest.mark.parametrize("wild", [[40], [40, 41], [0], [79], [10, 30, 60]])
 def test_wild_runs_are_no_change_and_are_named(wild: list[int]) -> None:
     values = scatter(4, 80)

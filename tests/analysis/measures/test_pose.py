@@ -124,6 +124,16 @@ def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
     assert list(pose.groups(q, 1e-3)) == [0, 0, 0, 1, 1]
 
 
+def test_groups_are_those_of_comparing_every_row_with_every_other() -> None:
+    q = np.random.default_rng(3).integers(0, 3, (300, 6)) * 0.9e-3
+    expected = np.full(300, -1)
+    for row in range(300):
+        if expected[row] < 0:
+            near = np.abs(q - q[row]).max(axis=1) <= 1e-3
+            expected[near & (expected < 0)] = expected.max() + 1
+    assert expected.max() > 20 and list(pose.groups(q, 1e-3)) == list(expected)
+
+
 def test_stacked_groups_give_what_each_gives() -> None:
     """Monte Carlo stacks groups along a leading axis; figures must not mix the draws."""
     x = np.random.default_rng(1).normal(0, 1, (7, 5, 3, 3))

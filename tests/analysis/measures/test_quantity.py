@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy.stats import t
 
-from analysis.measures.quantity import Quantity
+from analysis.measures.pooled import between
+from analysis.measures.quantity import Quantity, figures_of, student_factor
 
 
 @pytest.mark.parametrize("u", [0.0, 0.012, float("inf")])
@@ -12,3 +15,23 @@ def test_a_small_negative_value_is_no_negative_zero(u: float) -> None:
     rounded = Quantity(0.0, u, "mm").rounded(-0.00001)
     assert float(rounded) == 0 and not rounded.startswith("-")
     assert Quantity(0.0, u, "mm").rounded(-0.06).startswith("-0.06")
+
+
+@pytest.mark.parametrize("name", ["shift_deg", "distance_shift_deg", "max_at_deg"])
+@pytest.mark.parametrize("value", [-179.99, -90.0, 0.0, 45.0, 179.99, 180.0])
+def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name: str, value: float) -> None:
+    drawn = value + np.random.default_rng(1).normal(0, 0.1, 4000)
+    drawn = np.degrees(np.angle(np.exp(1j * np.radians(drawn))))  # as an arctangent has it
+    figure = figures_of({name: value}, {name: drawn}, 1)[name]
+    assert figure.value == value and figure.u == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_mean_of_runs_is_an_angle_as_that_of_one_run() -> None:
+    for name, expected in (("shift_deg", -179.9), ("max_at_deg", 180.1)):
+        runs = [{name: Quantity(value, 0.1, "deg")} for value in (179.9, -179.7)]
+        assert between(runs)[name].mean.value == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 5, 30])
+def test_two_u_of_few_runs_hold_what_students_law_says(freedom: int) -> None:
+    assert 1 - 2 * t.sf(2 * student_factor(freedom), freedom) == pytest.approx(0.9545)

@@ -14,6 +14,7 @@ from analysis.paper.paper_table import as_table
 from analysis.paper.rows import Row, rows_of
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
+from analysis.reporting.plain_console import PlainConsole
 from analysis.simulation.simulate import simulate
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
@@ -120,7 +121,8 @@ def test_json_is_the_same_table(rows: dict[tuple[str, str], Row]) -> None:
 def test_another_rig_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     plain: Rig = load("paper-fanuc")[0]
     assert len(rows_of(plain)) > 20
-    assert as_table(plain, rows_of(plain)) is not None
+    PlainConsole(width=200).print(as_table(plain, rows_of(plain)))
+    assert plain.name in capsys.readouterr().out
 
 
 DATA_FIGURES = (3, 4, 5, 6, 7, 8, 10, 11, 13, 14, 15)

@@ -75,6 +75,24 @@ def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> No
         measured_of(run)
 
 
+@pytest.mark.parametrize(("shortest_ms", "longest_ms"), [(6, 18), (8, 12), (15, 25)])
+def test_of_messages_that_a_network_bundles_the_newest_counts_and_the_others_are_counted(
+    shortest_ms: float, longest_ms: float
+) -> None:
+    """Lines without a time, which the sender's network holds back for 40 ms (Nagle, delayed acknowledgement)."""
+    sent_ns = 1e6 * np.cumsum(np.random.default_rng(2).uniform(shortest_ms, longest_ms, 3000))
+    arrived_ns = 40e6 * np.ceil(sent_ns / 40e6) + 1e5
+    unknown = {"requested_ns": np.full(3000, -1.0), "device_time_s": np.full(3000, np.nan)}
+    found, doubts = robot_instants({**unknown, "first_byte_ns": arrived_ns}), list[str]()
+    # private: what becomes of rows before gauges and robot are put together
+    track = align._track("robot", found, sent_ns[:, None], np.ones(3000, dtype=bool), doubts)
+    late_s = 1e-9 * float(np.mean(track.ns - track.values[:, 0]))
+    assert 0.5 * found.u_s < late_s < 2 * found.u_s
+    (doubt,) = doubts
+    assert doubt.startswith(f"robot: {3000 - len(track.ns)} rows are left out because they arrived together with a")
+    assert set(track.values[:, 0]) == {sent_ns[arrived_ns == at].max() for at in np.unique(arrived_ns)}
+
+
 def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
     asked_ns = np.arange(500) * 10_000_000
     took_ns = np.where(np.arange(500) % 10, 1_000_000, 9_000_000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -38,6 +39,8 @@ def test_readings_in_a_row(items: list[Item], enough: bool) -> None:
 def test_the_clean_protocol_ranks_first() -> None:
     clean, doubtful = evidence_of([GOOD] * 5), evidence_of([*[GOOD] * 9, fault(FaultKind.GARBLED)])
     assert clean.rank > doubtful.rank > evidence_of([GOOD]).rank
+    many = evidence_of([*[GOOD] * 9, replace(fault(FaultKind.GARBLED), count=500)])
+    assert many.not_understood == 500 and doubtful.rank > many.rank
 
 
 REST = {"a": [0.0, 0.001, 0.0, 0.001, 0.0], "b": [5.0, 5.001, 5.0, 5.0, 5.0]}

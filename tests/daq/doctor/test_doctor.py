@@ -376,6 +376,13 @@ def test_exceptions_every_second_answer_are_doubtful() -> None:
     assert finding.verdict is DOUBTFUL and "device_error" in finding.what and "exception 6" in finding.remedy, finding
 
 
+def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> None:
+    readings = [Sample((1.0,), k, k, k, 9) for k in range(9)]
+    first = Fault(FaultKind.GARBLED, 5, "of wrong parity")
+    assert trial.Trial([*readings, first]).understood
+    assert not trial.Trial([*readings, first, replace(first, count=500)]).understood, "counted once a second"
+
+
 def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], name="g1_g2", columns=("g1_mm", "g2_mm"))
     readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]

@@ -339,7 +339,7 @@ def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
 def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
     (bench.folder / "runs").touch()
     bench.start()
-    assert "no run can be recorded: File exists; give rigd write permission there" in "".join(bench.said)
+    assert "no run can be recorded: it is a file; give rigd a directory there" in "".join(bench.said)
 
 
 def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:

@@ -114,6 +114,24 @@ def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
         keeper.start()
 
 
+def test_a_file_of_somebody_else_is_neither_replaced_nor_removed(bench: Bench) -> None:
+    before = bench.rig.read_bytes()
+    told = bench.fails("rigd", bench.rig, "--metrics", bench.rig, code=4)
+    assert f"{bench.rig}: exists already and is not a metrics file of rigd; give another --metrics" in told
+    assert bench.rig.read_bytes() == before
+
+
+def test_only_metrics_are_removed_at_the_end(tmp_path: Path) -> None:
+    path, metrics = tmp_path / "rig.prom", render([Metric("rig_x", "gauge", "X.", (({}, 1.0),))])
+    path.write_text(metrics)  # as a daemon that was killed leaves it
+    for text, left in ((metrics, []), ("Dear all,", [path])):  # the latter as if another program had written it
+        keeper = Maintenance(path, lambda text=text: text, None)
+        keeper.start()
+        keeper.stop()
+        keeper.join()
+        assert list(tmp_path.iterdir()) == left
+
+
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "rig.prom"
     write_atomically(path, "old\n")

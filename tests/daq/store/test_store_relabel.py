@@ -15,7 +15,7 @@ from analysis.traces.loading import load_measured
 from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, UseError
 from rigs.load import load
 from tests.support.store_cases import crash, finished, record
 from tests.support.written_runs import write_simulated
@@ -68,8 +68,12 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
-        with pytest.raises(FileError, match="contains control characters; give --operator in one line"):
+        with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
             relabel(run, operator=name)
+    with pytest.raises(UseError, match="--operator: a name of 201 characters; write at most 200"):
+        relabel(run, operator="x" * 201)
+    with pytest.raises(UseError, match="name a placement with up to 64 letters"):
+        relabel(run, placement="by the wall")
     assert (run / MANIFEST).read_bytes() == before
 
 
