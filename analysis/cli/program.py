@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
 
 _DWELL_S = 3.0
-"""Seconds at each target where nobody says: arms settle within one, and slow gauges answer a few times."""
+"""Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
 
 
 @command(app, "rig program ur10e --for ur --test circle -o programs")

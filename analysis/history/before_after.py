@@ -119,9 +119,10 @@ def _hold_apart(after: Sequence[Path], before: Sequence[Path]) -> None:
         raise FileError(str(path), "is on both sides", "give it before --against or after it")
     known: dict[tuple[str, ...], Path] = {}
     for path in (*before, *after):  # a copy repeats nothing: it would show no difference, or no spread
-        first = known.setdefault(load_manifest(path).recording, path)
-        if first is not path:
+        recording = load_manifest(path).recording
+        if first := known.get(recording):
             raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
+        known[recording] = path
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:

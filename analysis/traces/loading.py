@@ -71,9 +71,9 @@ def refuse_copies(runs: Sequence[Measured]) -> None:
     """
     known: dict[tuple[str, ...], Measured] = {}
     for run in runs:
-        first = known.setdefault(run.run.manifest.recording, run)
-        if first is not run:
+        if first := known.get(run.run.manifest.recording):
             raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
+        known[run.run.manifest.recording] = run
 
 
 def measured_of(run: Run) -> Measured:
