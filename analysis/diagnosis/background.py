@@ -241,7 +241,7 @@ class Posterior:
         """
         columns = self.background.columns
         left = self.terms.T - columns.X @ self._taken[:, :-1]
-        each = np.einsum("ni,ij,nj->n", left, self.known_covariance, left)
+        each = np.sum(left @ self.known_covariance * left, axis=1)
         found: Array = self.background.spent + np.bincount(columns.band, each)
         return found
 

@@ -61,7 +61,7 @@ def covariance(
     residuals = weighting.weighted(found.residuals)
     inverse: Array = np.asarray(np.linalg.pinv(J.T @ J, rcond=1e-14))
     count = sum(residual.size for residual in residuals)
-    used = float(np.einsum("ij,jk,ik->", J[:count], inverse, J[:count]))
+    used = float(np.sum(J[:count] @ inverse * J[:count]))
     shrink = count / max(1.0, count - used)
     meat = np.zeros((J.shape[1], J.shape[1]))
     begin = 0

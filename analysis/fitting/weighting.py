@@ -146,7 +146,7 @@ def _leverage(design: Array, rows: int) -> Array:
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     J = design / size
     inverse = np.linalg.pinv(J.T @ J, rcond=1e-12, hermitian=True)
-    share: Array = np.einsum("ij,jk,ik->i", J[:rows], inverse, J[:rows])
+    share: Array = np.sum(J[:rows] @ inverse * J[:rows], axis=1)
     return np.clip(share, 0.0, _MOST_LEVERAGE)
 
 
