@@ -19,7 +19,7 @@ from rigs.errors import FileError
 from rigs.load import parse
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
-from rigs.yaml_text import flow
+from rigs.yaml_text import data_of, flow, nodes_of
 
 Keys = tuple[str, ...]
 """The way to a value: ("tests", "circle", "radius_mm")."""
@@ -70,7 +70,7 @@ def block_of(test: str, values: Values, indent: int = 0) -> str:
 
 def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
     """The rig that the new text must stand for."""
-    data = yaml.safe_load(text)
+    data = data_of(text)
     tests = data.get("tests") or {}
     data["tests"] = {**tests, test: {**(tests.get(test) or {}), **values}}
     try:
@@ -81,7 +81,7 @@ def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
     """What changes where values of one mapping change."""
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     node = root
     for depth, key in enumerate(parent):

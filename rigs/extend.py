@@ -8,13 +8,13 @@ import yaml
 
 from rigs.effects import Effect
 from rigs.load import parse
-from rigs.yaml_text import flow
+from rigs.yaml_text import data_of, flow, nodes_of
 
 
 def extended(text: str, effects: Sequence[Effect], where: str) -> str:
     """The text of a rig file with effects added. Raises RigFileError where the result would not be a valid rig file."""
     items = [_line(effect) for effect in effects]
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     there = [(key, value) for key, value in root.value if key.value == "effects"]
     lines = text.rstrip("\n").split("\n")
@@ -26,7 +26,7 @@ def extended(text: str, effects: Sequence[Effect], where: str) -> str:
     else:
         if there:
             first, end = there[0][0].start_mark.line, there[0][1].end_mark.line
-            items = [_dumped(entry) for entry in yaml.safe_load(text)["effects"] or []] + items
+            items = [_dumped(entry) for entry in data_of(text)["effects"] or []] + items
             del lines[first : end + 1]
         lines += ["", "effects:", *(f"  - {item}" for item in items)]
     grown = "\n".join(lines) + "\n"

@@ -8,6 +8,7 @@ goes through here at the place where it leaves them: docs/decisions/0018-one-gat
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,13 @@ def plain(text: str) -> str:
 def as_argument(path: Path | str) -> str:
     """Return a path as a shell takes it, for a command that a person may copy from a message."""
     return shlex.quote(str(path))
+
+
+def forget_width_of_0() -> None:
+    """Remove COLUMNS=0 from the environment: such a width is unknown, and everything would be laid out in no
+    columns at all."""
+    if os.environ.get("COLUMNS") == "0":
+        del os.environ["COLUMNS"]
 
 
 def plain_lines(text: str) -> str:

@@ -22,12 +22,13 @@ _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticErr
 
 
 def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
-    """Return the pattern of plain values of a tag without those that YAML 1.2 reads as text: `yes`, `1:30`."""
+    """Return the pattern of plain values of a tag without those that YAML 1.2 does not read so: `yes` as true, `1:30`
+    as 90 and `017` as 15."""
     match tag:
         case "tag:yaml.org,2002:bool":
             return re.compile(r"(?:true|True|TRUE|false|False|FALSE)$")
         case "tag:yaml.org,2002:int" | "tag:yaml.org,2002:float":
-            return re.compile(f"(?!.*:){pattern.pattern}", pattern.flags)
+            return re.compile(rf"(?!.*:|[-+]?0[0-9_]){pattern.pattern}", pattern.flags)
     return pattern
 
 
@@ -60,6 +61,16 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
         raise RigFileError(where, [Problem(1, "", "not readable as YAML: nested too deeply")]) from None
     except _UNREADABLE as error:
         raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
+
+
+def nodes_of(text: str) -> yaml.Node | None:
+    """The nodes of a text that was read before."""
+    return _Loader(text).get_single_node()
+
+
+def data_of(text: str) -> Any:
+    """What a text that was read before stands for."""
+    return _Loader(text).get_single_data()
 
 
 def flow(value: Any) -> str:

@@ -17,6 +17,7 @@ from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import Group, with_the_command_of
 from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
@@ -43,8 +44,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
     os.environ.update({name: os.environ.get(name, "1") for name in _THREADS})
-    if os.environ.get("COLUMNS") == "0":
-        del os.environ["COLUMNS"]  # a width that nobody knows: rich would lay everything out in no columns
+    forget_width_of_0()
     gc.set_threshold(_GARBAGE)
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)

@@ -99,7 +99,7 @@ def _own_catalogue(directory: Path, until: ExitStack) -> Path:
     try:
         kept.hold_writable(file)
     except CellError as error:
-        say(f"{error.where}: {error.what}: every run is evaluated again each time; --catalogue FILE", err=True)
+        say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
         return Path(until.enter_context(TemporaryDirectory())) / file.name
     return file
 

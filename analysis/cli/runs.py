@@ -94,19 +94,17 @@ def _recover(path: Path) -> None:
 
     with progress_of(f"recovering {path}"):
         done = recover_run(path)
-        lost = judge(path).problems if done.nothing_to_do else ()
-    if lost:
-        for line in lost:
-            say(line, err=True)
-        raise FileError(
-            str(path), "is not whole, and nothing in it can be recovered", "restore those files from a copy"
-        )
+        problems = judge(path).problems
     for stream, rows in done.rows.items():
         say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
         say(note)
     for file, loss in done.losses.items():
         say(f"lost: {file}: {loss}")
+    if problems:
+        for line in problems:
+            say(line, err=True)
+        raise FileError(str(path), "is still not whole, and no more can be recovered", "see the lines above")
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 

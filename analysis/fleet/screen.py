@@ -94,7 +94,7 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
-            "catalogue": str(fleet.catalogue),
+            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
             "robots": [_object(one) for one in fleet.robots],
             "without_robot": dict(fleet.strays),
             "notes": list(fleet.notes),

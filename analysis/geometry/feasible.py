@@ -38,7 +38,7 @@ def _circle(rig: Rig) -> list[str]:
 def _hemisphere(rig: Rig) -> list[str]:
     hemisphere = rig.tests.hemisphere
     if hemisphere is None:
-        return []
+        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
     repeatability_targets(rig)
     named = f"hemisphere of {hemisphere.radius_mm:g} mm"
     try:

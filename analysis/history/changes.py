@@ -30,8 +30,8 @@ _WINDOW, _WILD = 7, 4.0
 """Runs of the running median, and the spreads beyond which a single run is wild."""
 _SLOWER = 2.0
 """The score of a longer rise has to be above that of the best step by so much."""
-_TO_SD = 1.4826
-"""Standard deviation of a normal law over its median absolute deviation."""
+_TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
+"""Standard deviation of a normal law over its median, and over its mean, absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Change:
 @dataclass(frozen=True)
 class Trend:
     """What was found in a series: its changes in order of time; wild (n,): which runs were left out; spread: standard
-    deviation from run to run, in the figure's unit, which changes and wild runs do not add to, or the usual u of a run
-    where most runs repeat one value; nan of a single run."""
+    deviation from run to run, in the figure's unit, which changes and wild runs do not add to; zero where most runs
+    repeat one value, and nan of a single run."""
 
     changes: tuple[Change, ...]
     wild: Mask
@@ -72,13 +72,14 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
     how many such series of the robot are looked at."""
     wild = wild_runs(values, u)
-    spread, least = _spread(values[~wild]), 0.0
-    if spread == 0:
-        # Most runs repeat the value before: one that is floored at zero, or read in steps. They scatter by no less than
-        # they are known, and less than that is no change: among many zeros a few small values may lie side by side.
-        spread = least = float(np.median(u[~wild]))
+    spread = _spread(values[~wild])
     kept = np.flatnonzero(~wild)[-NEWEST:]
-    found = [one for one in _changes(values[kept], series) if abs(one.after - one.before) > least]
+    found = _changes(values[kept], series)
+    if spread == 0:
+        # Most runs repeat the value before: one that is floored at zero, or read in steps. What is less than a run is
+        # known by is no change then: among many zeros a few small values may lie side by side.
+        least = float(np.median(u[~wild]))
+        found = [one for one in found if abs(one.after - one.before) > least > 0]
     changes = [replace(one, first=int(kept[one.first]), last=int(kept[one.last])) for one in found]
     return Trend(tuple(changes), wild, spread)
 
@@ -92,7 +93,8 @@ def wild_runs(values: Array, u: Array) -> Mask:
     medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
     half = _WINDOW // 2
     away = np.abs(values - medians[np.clip(np.arange(count) - half, 0, len(medians) - 1)])
-    scale = max(_TO_SD * float(np.median(away)), float(np.median(u)))
+    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))  # where most runs repeat one value
+    scale = max(usual, float(np.median(u)))
     wild: Mask = away > _WILD * scale
     return wild
 

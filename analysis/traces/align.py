@@ -32,6 +32,11 @@ _OFTEN = 0.05
 robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
+_TOGETHER = {
+    True: "they arrived together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
+    False: "they have the same time as one before; have the instrument send its time in finer steps",
+}
+"""Why rows share an instant, by whether their times are arrivals, and what to do."""
 _STALLED_S = 1e-3
 """… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
@@ -191,8 +196,9 @@ def timing_doubts(name: str, instants: Instants) -> list[str]:
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
-    """The values in order of time, without rows that hold no reading or whose time is unknown, and of each instant the
-    last one: messages that arrive together waited for it."""
+    """The values in order of time, without rows that hold no reading or whose time is unknown, and one of each instant:
+    of messages that arrived together the last, which the others waited for, and of a clock with coarse steps the first.
+    """
     if odd := int((~sound).sum()):
         doubts.append(f"{name}: {odd} rows that hold no valid reading are left out; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
@@ -207,13 +213,11 @@ def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: li
         ns, values, own_u_s = ns[there], values[there], own_u_s[there]
     if not (np.diff(ns) > 0).all():
         order = np.argsort(ns, kind="stable")
-        is_last = np.append(np.diff(ns[order]) > 0, True)
-        kept, instant = order[is_last], np.cumsum(is_last) - is_last
+        differs = np.diff(ns[order]) > 0
+        is_kept = np.append(differs, True) if instants.arrived else np.insert(differs, 0, True)
+        kept, instant = order[is_kept], np.cumsum(np.insert(differs, 0, False))
         if dropped := int((values[order] != values[kept][instant]).any(axis=1).sum()):
-            doubts.append(
-                f"{name}: {dropped} rows are left out because they arrived together with a later one; "
-                "have each message sent at once (TCP_NODELAY), or with the sender's own time"
-            )
+            doubts.append(f"{name}: {dropped} rows are left out because {_TOGETHER[instants.arrived]}")
         ns, values, own_u_s = ns[kept], values[kept], own_u_s[kept]
     return _Track(ns, values, instants.u_s, own_u_s)
 

@@ -79,7 +79,8 @@ class Instants:
 
     u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
     instrument's own clock restarted; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
-    wanders_s: by how much the lateness of its pace changed for good.
+    wanders_s: by how much the lateness of its pace changed for good. arrived: the times are those of arrivals, which
+    messages that a network bundles share.
     doubts: what else a person should know of these times, in words.
     """
 
@@ -90,6 +91,7 @@ class Instants:
     wrong: int = 0
     held: bool = False
     wanders_s: float = 0.0
+    arrived: bool = False
     doubts: tuple[str, ...] = ()
 
 
@@ -191,14 +193,17 @@ def robot_instants(stream: Columns) -> Instants:
         return asked_instants(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
-    return replace(_listened(fitted, _cycle_ns(fitted.ns)), doubts=doubts)
+    arrived = not np.isfinite(stream["device_time_s"]).all()
+    return replace(_listened(fitted, _cycle_ns(fitted.ns)), arrived=arrived, doubts=doubts)
 
 
 def _cycle_ns(instants: Array) -> float:
-    """The time in ns from one message to the next, at instants (n,) ns: the usual one, or that on average where some
-    arrived together, as a network bundles them."""
-    apart = np.diff(instants)
-    return float(np.mean(apart) if (apart == 0).any() else np.median(apart))
+    """The usual time in ns from one message to the next, at instants (n,) ns; those that a network bundles share the
+    time since the bundle before."""
+    at, count = np.unique(instants, return_counts=True)
+    if len(at) < 2:
+        return 0.0
+    return float(np.median(np.repeat(np.diff(at) / count[1:], count[1:])))
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:

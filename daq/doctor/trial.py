@@ -135,14 +135,14 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         link.note_items(new)
         items.extend(new)
 
-    host = stream.host()
+    host, end = stream.host(), list[Item]()
     try:
         run_conversation(counted, host, deliver, ended)
-        items += [*host.lost(time.monotonic_ns()), *link.take_ignored()]  # with the faults that it still holds back
     except LinkLost as lost:
-        items.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
+        end.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
     finally:
         link.close()
+    items += [*host.lost(time.monotonic_ns()), *link.take_ignored(), *end]  # with the faults that it still holds back
     return Trial(items, time.monotonic() - began, counted.received, counted.carried)
 
 

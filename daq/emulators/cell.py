@@ -27,6 +27,7 @@ from daq.wire.links import LinkLost
 from daq.wire.session import run_conversation
 from rigs.rig import Rig
 from rigs.schema.links import tcp_address, udp_address
+from rigs.yaml_text import data_of
 
 _NOTICE_S = 0.05
 
@@ -133,7 +134,7 @@ class Cell:
 
     def rig_text(self, text: str) -> str:
         """Return a rig file's text with the ports of this cell in place of its own."""
-        data = yaml.safe_load(text)
+        data = data_of(text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)

@@ -28,6 +28,7 @@ from daq.wire.capture import Capture, Mark, Piece
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.links import tcp_address, udp_address
+from rigs.yaml_text import data_of
 
 _OVER_NS = 5_000_000_000
 """So long after the end, what is left is not fetched any more."""
@@ -102,9 +103,7 @@ class Replay:
 
     def rig_text(self, text: str) -> str:
         """Return the rig file's text with the ports of this cell and the file that says what is out of step."""
-        data = yaml.safe_load(self.cell.rig_text(text)) | (
-            {"replay": str(self._marks.path)} if self._marks.path else {}
-        )
+        data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks.path)} if self._marks.path else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
 

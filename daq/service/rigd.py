@@ -21,7 +21,7 @@ from daq.service.daemon import Daemon
 from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.load import load
-from rigs.text import plain
+from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 log = logging.getLogger("rigd")
@@ -29,6 +29,7 @@ log = logging.getLogger("rigd")
 
 def main() -> None:
     """Run the command: the entry point of `rigd`."""
+    forget_width_of_0()
     app()
 
 

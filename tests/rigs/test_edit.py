@@ -34,6 +34,12 @@ def without_tests(text: str) -> str:
     return text.partition("\ntests:\n")[0] + "\n"
 
 
+def test_an_edit_reads_a_file_as_the_loader_does() -> None:
+    """YAML 1.1 has `on` for true."""
+    text = re.sub("^name: .*$", "name: on", UR10E, flags=re.M)
+    assert parse(with_test(text, "circle", VALUES, "cell.yaml"), "cell.yaml").name == "on"
+
+
 @pytest.mark.parametrize("text", [UR10E, FANUC, UR10E.replace("\n", "\r\n"), UR10E.rstrip("\n")])
 def test_only_the_values_change(text: str) -> None:
     edited = with_test(text, "circle", VALUES, "cell.yaml")

@@ -178,6 +178,11 @@ def test_a_name_too_long_for_a_file_is_told() -> None:
         load("a" * 5000)
 
 
+def test_a_number_with_a_zero_before_it_is_decimal() -> None:
+    circle = parse(TEXT.replace("radius_mm: 70", "radius_mm: 070"), "rig.yaml").tests.circle
+    assert circle and circle.radius_mm == 70
+
+
 @pytest.mark.parametrize("written", ["yes", "on", "1:10", "1:10.5"])
 def test_what_only_yaml_1_1_takes_for_a_number_is_refused(written: str) -> None:
     (message,) = (words for _, words in _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {written}")).values())

@@ -143,7 +143,10 @@ def test_without_a_place_for_its_catalogue_every_run_is_read(
     for _ in range(2):
         assert ended("fleet", "plant") == 0
         done = capsys.readouterr()
-        assert "every run is evaluated again each time" in done.err and "30 runs, 30 of them read" in done.out
+        assert "every run is read again each time: give --catalogue FILE" in done.err
+        assert "30 runs, 30 of them read" in done.out
+    assert ended("fleet", "plant", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["catalogue"] is None
 
 
 def test_damaged_records_are_one_line_and_the_next_start_makes_them_again(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -47,11 +48,15 @@ def test_a_rig_is_named_by_its_file_and_the_part_of_it(tmp_path: Path) -> None:
     line = f"error: {cell}, tests.repeatability: target 99 is not one of the 37 targets of the hemisphere; correct"
     simulated = ("simulate", cell, "--test", "repeatability", "-o", tmp_path / "out")
     written = ("program", cell, "--for", "ur", "--test", "repeatability", "-o", tmp_path / "out")
-    for words in (("check", cell), simulated, written):
+    for words in (("check", cell), simulated, written, ("plan", cell, "--tests", "repeatability")):
         done = ran(*words)
         assert done.returncode == 3 and done.stderr.startswith(line)
     done = ran("correct", cell, "-o", tmp_path / "out")
     assert done.stderr.startswith(f"error: {cell}: has no effects to correct")
+    data["tests"]["circle"]["centre_mm"] = [9000, 0, 0]
+    cell.write_text(yaml.safe_dump(data))
+    done = ran("emulate", cell, "-o", tmp_path / "emulated")
+    assert done.returncode == 3 and done.stderr.startswith(f"error: {cell}, tests.circle: pose 1 of")
 
 
 def test_a_hemisphere_out_of_reach_is_reported_and_the_file_is_good(tmp_path: Path) -> None:
@@ -62,16 +67,29 @@ def test_a_hemisphere_out_of_reach_is_reported_and_the_file_is_good(tmp_path: Pa
     done = ran("check", cell)
     assert done.returncode == 0 and "hemisphere of 400 mm: cannot be driven: 111 of 111 poses are out" in done.stdout
     assert "37 targets in 3 orientations, all reachable" in ran("check", "paper-fanuc").stdout
+    data["tests"] = {"circle": data["tests"]["circle"], "repeatability": {"targets": [1]}}
+    cell.write_text(yaml.safe_dump(data))
+    assert "repeatability: needs tests.hemisphere" in ran("check", cell).stdout
 
 
 def test_nobody_types_where_standard_input_is_closed(tmp_path: Path) -> None:
-    closed = ["sh", "-c", '"$0" "$@" <&-', BIN / "rig", "init", tmp_path / "cell.yaml"]
-    done = subprocess.run(closed, capture_output=True, text=True, check=False)
+    closed = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
+    done = subprocess.run([*closed, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stderr.startswith("error: --robot: is not given, and without a terminal")
+    with subprocess.Popen([*closed, "emulate", "ur10e", "-o", tmp_path], stdout=-1, stderr=-1, text=True) as emulated:
+        assert emulated.stdout and emulated.stderr
+        for line in emulated.stdout:
+            if "ready" in line:
+                break
+        emulated.terminate()
+        assert "Error" not in emulated.stderr.read()
+    assert emulated.returncode == 0
 
 
 def test_a_width_of_0_is_unknown() -> None:
-    assert "yaw" in ran("analyse", "--help", COLUMNS="0").stdout
+    assert "Examples" in ran("analyse", "--help", COLUMNS="0").stdout or "Usage" in ran("--help", COLUMNS="0").stdout
+    rigd = subprocess.run([BIN / "rigd", "--help"], capture_output=True, env=os.environ | {"COLUMNS": "0"}, check=True)
+    assert b"--metrics" in rigd.stdout
 
 
 def test_a_directory_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,12 +113,17 @@ def test_what_nothing_recovers_is_reported(tmp_path: Path) -> None:
     ledger.unlink()
     assert ran("verify", run).stderr.splitlines()[0].endswith(f"run `rig recover {run}`")
     assert "import" not in ran("verify", run).stderr, "the table is there"
+    ledger.write_bytes(b"?" + kept)
+    table.rename(run / "elsewhere")
+    done = ran("recover", run)
+    assert done.returncode == 3 and "recovered; next" not in done.stdout and "its table is not there" in done.stderr
+    (run / "elsewhere").rename(table)
     ledger.write_bytes(kept)
     table.write_bytes(table.read_bytes()[:-9])
     done = ran("recover", run)
     assert done.returncode == 3 and "nothing to do" not in done.stdout
     assert done.stderr.splitlines()[-1] == (
-        f"error: {run}: is not whole, and nothing in it can be recovered; restore those files from a copy"
+        f"error: {run}: is still not whole, and no more can be recovered; see the lines above"
     )
 
 

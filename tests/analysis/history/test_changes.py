@@ -56,13 +56,20 @@ def test_a_step_is_found_where_most_runs_repeat_a_value() -> None:
     rounded = np.round(scatter(5, 60) / 3 + 8.0 * (np.arange(60) >= 40)) // 4 * 4
     (change,) = found(rounded)
     assert change == pytest.approx((39, 40), abs=1)
-    assert trend_of(stepped, np.full(40, 0.003), SERIES).spread == 0.003, "as well as a run is known"
+    assert trend_of(stepped, np.full(40, 0.003), SERIES).spread == 0
+    assert not trend_of(stepped, np.zeros(40), SERIES).changes, "where nobody knows how well a run is known"
 
 
 def test_a_few_small_values_among_zeros_are_no_change() -> None:
     rng = np.random.default_rng(5)
     floored = np.maximum(rng.normal(-1.6, 1.0, (40, 60)), 0.0)
     assert [trend_of(one, np.full(60, 0.5), SERIES).changes for one in floored].count(()) >= 39
+
+
+@pytest.mark.parametrize("u", [0.0, 0.05, 0.2, 1.0])
+def test_values_read_in_two_steps_are_no_change(u: float) -> None:
+    rounded = np.round(np.random.default_rng(7).normal(0.5, 0.5, (60, 30)))
+    assert [trend_of(one, np.full(30, u), SERIES).changes for one in rounded].count(()) >= 59
 
 
 @pytest.mark.parametrize("wild", [[40], [40, 41], [0], [79], [10, 30, 60]])

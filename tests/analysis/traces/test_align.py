@@ -93,6 +93,31 @@ def test_of_messages_that_a_network_bundles_the_newest_counts_and_the_others_are
     assert set(track.values[:, 0]) == {sent_ns[arrived_ns == at].max() for at in np.unique(arrived_ns)}
 
 
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+def test_of_rows_that_a_coarse_clock_gives_one_time_the_first_had_it(step_s: float) -> None:
+    sent_s = np.cumsum(np.random.default_rng(2).uniform(0.008, 0.012, 3000))
+    clock_s = np.floor(sent_s / step_s) * step_s
+    stream = {
+        "requested_ns": np.full(3000, -1.0),
+        "first_byte_ns": 1e9 * sent_s + 1e5,
+        "device_time_s": clock_s,
+    }
+    found, doubts = robot_instants(stream), list[str]()
+    # private: what becomes of rows before gauges and robot are put together
+    track = align._track("robot", found, sent_s[:, None], np.ones(3000, dtype=bool), doubts)
+    assert np.abs(track.ns / 1e9 - track.values[:, 0]).max() < 0.012
+    assert "they have the same time as one before" in doubts[0]
+
+
+def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:
+    arrived_ns = 1e6 * np.cumsum(np.random.default_rng(2).uniform(6, 14, 3000))
+    unknown = {"requested_ns": np.full(3000, -1.0), "device_time_s": np.full(3000, np.nan)}
+    alone = robot_instants({**unknown, "first_byte_ns": arrived_ns}).u_s
+    paused = arrived_ns + np.where(np.arange(3000) > 1500, 3.6e12, 0.0)
+    paused[100] = paused[101]
+    assert robot_instants({**unknown, "first_byte_ns": paused}).u_s == pytest.approx(alone, rel=0.01)
+
+
 def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
     asked_ns = np.arange(500) * 10_000_000
     took_ns = np.where(np.arange(500) % 10, 1_000_000, 9_000_000)

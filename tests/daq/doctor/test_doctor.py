@@ -29,7 +29,7 @@ from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample,
 from daq.service.client import Client
 from daq.wire.opening import open_link
 from daq.wire.session import ByteLink
-from rigs.load import parse
+from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
 from tests.support.bench import Bench, ByHand, rig_text
 
@@ -381,6 +381,30 @@ def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> 
     first = Fault(FaultKind.GARBLED, 5, "of wrong parity")
     assert trial.Trial([*readings, first]).understood
     assert not trial.Trial([*readings, first, replace(first, count=500)]).understood, "counted once a second"
+
+
+@pytest.mark.parametrize("closes", [False, True], ids=["stays", "closes"])
+def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes: bool) -> None:
+    over = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def peer() -> None:
+            with server.accept()[0] as link:
+                link.sendall(b"".join(b"%d,0,0,0,0,0,0\n" % k for k in range(30)) + b"no,number\n" * 600)
+                if not closes:
+                    over.wait(20)
+
+        sender = threading.Thread(target=peer)
+        sender.start()
+        data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+        data["feedback"]["port"] = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        robot = _streams(data)["robot"]
+
+        found = trial.try_line(robot, robot.line, 0.5, 0.1)
+        over.set()
+        sender.join()
+    assert sum(one.count for one in found.items if isinstance(one, Fault) and one.kind is FaultKind.GARBLED) == 600
+    assert not found.understood and ("link was lost" in found.last_fault) is closes
 
 
 def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:

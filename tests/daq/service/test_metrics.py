@@ -119,6 +119,9 @@ def test_a_file_of_somebody_else_is_neither_replaced_nor_removed(bench: Bench) -
     told = bench.fails("rigd", bench.rig, "--metrics", bench.rig, code=4)
     assert f"{bench.rig}: exists already and is not a metrics file of rigd; give another --metrics" in told
     assert bench.rig.read_bytes() == before
+    os.mkfifo(bench.folder / "pipe")
+    told = bench.fails("rigd", bench.rig, "--metrics", bench.folder / "pipe", code=4)
+    assert "pipe: exists already and is not a metrics file of rigd" in told
 
 
 def test_only_metrics_are_removed_at_the_end(tmp_path: Path) -> None:
