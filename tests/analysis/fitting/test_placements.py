@@ -142,7 +142,7 @@ def test_a_placement_can_be_named_afterwards(tmp_path: Path, arm: tuple[Cell, np
     manifest = load_manifest(run)
     assert manifest.placement == "door" and manifest.relabelled[-1].field == "placement"
     bad = CliRunner().invoke(app, ["relabel", str(run), "--placement", "by the door"])
-    assert bad.exit_code == 3 and "name a placement with" in bad.stderr
+    assert bad.exit_code == 2 and "name a placement with" in bad.stderr
 
 
 @pytest.mark.parametrize("named", [True, False])
