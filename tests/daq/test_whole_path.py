@@ -23,8 +23,9 @@ def _quick(gauges: str, laps: int) -> str:
 
 
 # An instrument that is held up for a part of the lap has it refused: these laps are driven in seconds. Whatever holds
-# them up, what is not refused agrees with the truth.
-@pytest.mark.real_time(held_up_s=0.02, match="the lap has no data")
+# them up, what is not refused agrees with the truth. Answers were 22 ms late, for want of processors, in a try in which
+# no single stall of 20 ms was measured.
+@pytest.mark.real_time(held_up_s=0.01, match="the lap has no data")
 @pytest.mark.parametrize(
     ("gauges", "direction", "laps"),
     [("keyence", "acw", 2), ("modbus", "cw", 1), ("polled", "acw", 2), ("tcp", "cw", 1)],
