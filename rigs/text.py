@@ -26,6 +26,12 @@ def as_argument(path: Path | str) -> str:
     return shlex.quote(str(path))
 
 
+def to_install(*packages: str) -> str:
+    """Return what a person does to install missing packages where rig runs."""
+    names = " ".join(packages)
+    return f"install it beside rig: pipx inject rig {names}, or pip install {names} in rig's environment"
+
+
 def forget_width_of_0() -> None:
     """Remove COLUMNS=0 from the environment: such a width is unknown, and everything would be laid out in no
     columns at all."""

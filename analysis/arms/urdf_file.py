@@ -17,6 +17,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from rigs.errors import CellError, FileError
 from rigs.files import read_text
+from rigs.text import to_install
 
 if TYPE_CHECKING:
     from pytransform3d.urdf import Joint, Link
@@ -86,7 +87,7 @@ def read_urdf(path: Path) -> Urdf:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
         what = f"needs {error.name}, which is missing"
-        raise CellError("import-urdf", what, "pip install pytransform3d") from None
+        raise CellError("import-urdf", what, to_install("pytransform3d")) from None
     from lxml import etree  # noqa: PLC0415 - comes with it
 
     where = str(path)

@@ -17,6 +17,7 @@ from typing import Any
 
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 from rigs.errors import CellError, FileError, RigError
+from rigs.text import to_install
 
 _AHEAD = 1000
 """Items given to the cluster beyond the one that is waited for: more than a cluster has threads."""
@@ -51,7 +52,7 @@ def _connected(address: str) -> Any:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:
         what = "needs dask.distributed, which is not installed"
-        raise FileError("--scheduler", what, "pip install distributed") from None
+        raise FileError("--scheduler", what, to_install("distributed")) from None
     # What it logs of a lost connection would stand among the results; what matters of it is raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)

@@ -15,8 +15,10 @@ from typing import Any
 
 from analysis.batch.remote_path import RemotePath
 from rigs.errors import CellError, FileError, RigError
+from rigs.text import to_install
 
-_INSTALL = "pip install s3fs for s3, sshfs for sftp, or the package that fsspec has for this protocol"
+_PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
+"""The packages by which fsspec opens the protocols for which rig has an extra."""
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
 """Options of asyncssh: host keys are compared with ~/.ssh/known_hosts, which sshfs leaves out by itself; a computer
@@ -124,7 +126,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
             isinstance(error, ImportError),
             FileError,
             f"needs a package that is not installed: {said}",
-            _INSTALL,
+            to_install(_PACKAGES[where.protocol]) if where.protocol in _PACKAGES else "install it beside rig",
         ),
         (
             isinstance(error, ValueError) and "Protocol not known" in said,

@@ -6,6 +6,7 @@ import errno
 import gc
 import io
 import os
+import re
 import sys
 import warnings
 from typing import Annotated, NoReturn
@@ -30,6 +31,9 @@ matrices are small, so two threads took 27.5 s of processor time where one takes
 _GARBAGE = 100_000
 """Objects after which Python looks for garbage. Imports make tens of thousands that stay: looked through at every 700,
 as Python has it, they cost a tenth of the time that a small run takes (0.80 of 0.89 s of CPU, measured)."""
+
+_IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
+"""What pydantic, by which typer reads values, says of how it found a mistake."""
 
 app = typer.Typer(
     cls=Group,
@@ -94,7 +98,8 @@ def _fail(error: RigError) -> NoReturn:
 
 def _wrong_use(error: TyperException) -> NoReturn:
     """Report wrong use of a command in one line; typer would frame it, whatever a file's name puts into the frame."""
-    what = " ".join(error.format_message().split()).rstrip(".")
+    what = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
+    what = what.replace("Input should be", "it must be")
     if not what:  # a group without a command: its help is printed already
         sys.exit(2)
     context = getattr(error, "ctx", None)

@@ -50,8 +50,8 @@ def analyse(
     paths = runs_below(runs, scheduler)
     if as_lines:
         if as_json or plot or each or truth:
-            what = "gives each run by itself, and nothing of several"
-            raise UseError("--lines", what, "leave out --json, --plot, --each and --truth")
+            what = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
+            raise UseError("--lines", what, "leave those out")
         end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)

@@ -36,7 +36,7 @@ def emulate(
         "cell"
     ),
     effects: HiddenEffects = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise of the gauges.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 

@@ -13,7 +13,8 @@ from analysis.cli.console import say
 from analysis.cli.options import operator_or_user
 from analysis.cli.several import for_each
 from analysis.traces.table_layout import JointSource
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.errors import UseError
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
@@ -48,6 +49,8 @@ def import_(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
+    if direction and test not in CIRCLES:
+        raise UseError("--direction", f"a {test} test has no direction", "leave it out")
     operator = operator_or_user(operator)
 
     def make_run(table: Path) -> None:

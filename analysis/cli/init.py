@@ -170,7 +170,7 @@ def _first_lap(rig: Rig, file: str) -> list[str]:
         maker, *more = MAKERS
         others = f"  # or {', '.join(more)}"
     return [
-        f"rig program {file} --for {maker} --test circle -o programs{others}",
+        f"rig program {file} --for {maker} --test yaw -o programs{others}",
         "rig record start first-acw --test yaw --direction acw",
         "# start the robot's program, at reduced speed",
         "rig record stop",

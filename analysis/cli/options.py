@@ -56,7 +56,7 @@ def _processes(given: str | int) -> int:
         return 0
     if str(given).isdecimal():
         return int(given)
-    raise typer.BadParameter(f"{given!r} is no number of processes: give 1 or more, or auto")
+    raise typer.BadParameter(f"{given!r} is not a number of processes; give 1 or more, or auto")
 
 
 _ON_EACH = "0 or auto: one on each core."

@@ -103,7 +103,7 @@ def _propose(
         say(f"wrote {path}", err=True)
     if written:
         maker = maker_of(rig.feedback.interface) or "MAKER"
-        say(f"next: rig program {written[0]} --for {maker} --test circle -o programs", err=True)
+        say(f"next: rig program {written[0]} --for {maker} --test yaw -o programs", err=True)
     elif found.circles:
         say("next: the same with -o DIR writes a rig file of each circle", err=True)
 

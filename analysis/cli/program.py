@@ -12,7 +12,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
-from rigs.schema.vocabulary import Maker, ProgramTest
+from rigs.schema.vocabulary import CIRCLES, DrivenTest, Maker
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
@@ -21,20 +21,18 @@ _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
 
 
-@command(app, "rig program ur10e --for ur --test circle -o programs")
+@command(app, "rig program ur10e --for ur --test yaw -o programs")
 def program(
     rig_file: RigArgument,
     maker: Annotated[Maker, typer.Option("--for", help="Maker of the controller.")],
     test: Annotated[
-        ProgramTest,
-        typer.Option(help="Test to drive; circle is the yaw test, roll the same circle for the roll test."),
+        DrivenTest,
+        typer.Option(help="Test to drive; yaw and roll are the same circle with the gauges mounted differently."),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
     dwell_s: Annotated[
         float | None,
-        typer.Option(
-            min=0.5, max=600, help="Seconds to stand at each target of hemisphere and repeatability; default: 3."
-        ),
+        typer.Option(min=0.5, max=600, help="Seconds to stand at each target of radial and repeatability; default: 3."),
     ] = None,
     outputs: Annotated[
         str,
@@ -60,7 +58,7 @@ def program(
     from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
-    if dwell_s is not None and test in ("circle", "roll"):
+    if dwell_s is not None and test in CIRCLES:
         raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
     rig, _ = load(rig_file)
     with named_by(rig_file, rig), progress_of("checking the programs"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -12,14 +12,14 @@ from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import Runs
 from analysis.cli.several import for_each
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import Direction, DrivenTest
 
 
 @command(app, "rig relabel runs/lap-3 --direction cw")
 def relabel(
     paths: Runs,
     test: Annotated[
-        Literal["yaw", "roll", "radial", "repeatability"] | None,
+        DrivenTest | None,
         typer.Option(help="Test that the robot drove; default: unchanged."),
     ] = None,
     direction: Annotated[

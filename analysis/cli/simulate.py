@@ -12,13 +12,13 @@ from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument
-from rigs.schema.vocabulary import CIRCLES, Direction
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 
 @command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
 def simulate(
     rig_file: RigArgument,
-    test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Test to simulate.")],
+    test: Annotated[DrivenTest, typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
     direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Direction of yaw and roll.")] = "both",
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,

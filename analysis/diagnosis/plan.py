@@ -104,7 +104,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in known:
-            raise UseError("--tests", f"knows no {name!r}", f"give some of {','.join(known)}")
+            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(known)}")
     return tuple(name for name in known if name in asked)
 
 

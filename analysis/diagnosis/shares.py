@@ -47,14 +47,14 @@ class SizesBySetUp:
         ratio is that of Birge (1932), as CODATA uses it for constants, where chance explains a disagreement in one of
         20 cases.
         """
-        from scipy.stats import chi2  # noqa: PLC0415 - slow to import
+        from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
         if not self.setups:
             return 1.0
         weight, freedom = np.linalg.inv(self.covariance), len(self.setups) - 1
         away = self.value - (weight @ self.value).sum() / weight.sum()
         disagreement = float(away @ weight @ away)
-        return float(np.sqrt(disagreement / freedom)) if disagreement > chi2.isf(_CHANCE, freedom) else 1.0
+        return float(np.sqrt(disagreement / freedom)) if disagreement > chdtri(freedom, _CHANCE) else 1.0
 
 
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:

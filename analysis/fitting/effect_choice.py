@@ -31,7 +31,7 @@ def _expanded(word: str) -> list[Effect]:
     match = re.fullmatch(written.pattern, place, re.ASCII)
     if not match:
         example = f"{name}:{written.example}" if written.example else name
-        raise UseError(f"--fit {word}", f"{place!r} is no place of {name}", f"write {example}")
+        raise UseError(f"--fit {word}", f"{name} has no place {place!r}", f"write {example}")
     keys = {key: (value,) if value is not None else written.every[key] for key, value in match.groupdict().items()}
     starts = [_starting_effect(word, name, dict(zip(keys, values, strict=True))) for values in product(*keys.values())]
     return [half for effect in starts for half in phases(effect)]

@@ -1,4 +1,4 @@
-"""`history.sqlite` beside the runs: their figures, so that a run is evaluated once.
+"""`.history.sqlite` beside the runs: their figures, so that a run is evaluated once.
 
 It holds nothing that the runs do not: deleted, damaged or of another version, it is made again with the same content.
 SQLite's own locks and journal order what two processes write, and what a crash cuts off.
@@ -18,7 +18,8 @@ from pathlib import Path
 from analysis.history.records import Record
 from analysis.measures.quantity import Quantity
 
-FILE = "history.sqlite"
+FILE = ".history.sqlite"
+"""Hidden, so that `runs/*` in a shell is runs only."""
 VERSION = 2
 """Version of the tables below and of the figures in them."""
 _OURS = 0x52494748

@@ -101,7 +101,7 @@ def _recorded(path: Path, run: Run, rig: Rig) -> Rows:
 def _imported(path: Path, run: Run, rows: pa.Table) -> Rows:
     table = table_from(rows, run.manifest.test, run.manifest.direction, str(path))
     if not isinstance(table, CircleTable):
-        what = f"is an imported {run.manifest.test} table, which holds targets and no motion"
+        what = f"is a {run.manifest.test} table, which holds targets and no motion"
         raise FileError(str(path), what, "play a circle, or a run that rigd recorded")
     return Rows(table.t_s, _two(table.g_mm), table.q)
 

@@ -111,7 +111,7 @@ def _gaps(found: Diagnosis) -> list[RenderableType]:
     last = ("calibrated", "noise floor")
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = _plain_table("µm rms", *headings, right=headings)
-    places = (("runs used", found.train), ("run left out", found.held_out), ("unseen place", found.unseen))
+    places = (("runs used", found.train), ("held-out runs", found.held_out), ("unseen place", found.unseen))
     for name, gap in places:
         if gap is not None:
             ends = (gap.calibrated_um, gap.noise_floor_um)

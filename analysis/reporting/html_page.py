@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from daq.store import durable
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ def is_page(file: Path) -> bool:
 
 
 def hold_page(file: Path) -> None:
-    """Raises FileError unless a file can be a page: its name says so, since browsers go by the name."""
+    """Raises UseError unless a file can be a page: its name says so, since browsers go by the name."""
     if not is_page(file):
-        raise FileError(str(file), "is not the name of a page", "give --output FILE.html")
+        raise UseError(str(file), "is not the name of a page", "give --output FILE.html")
 
 
 def environment() -> Environment:

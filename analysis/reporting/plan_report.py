@@ -122,15 +122,15 @@ def _alike(plan: Plan) -> RenderableType:
     title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
     table = Table(title=title, title_style="bold", title_justify="left")
     table.add_column("names")
-    table.add_column("apart", justify="right")
-    table.add_column("parted by", ratio=1)
+    table.add_column("distance", justify="right")
+    table.add_column("separated by", ratio=1)
     symbols = _symbols(plan)
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
             names = "\n".join(_with_symbol(name, symbols) for name in pair.names)
             names += f"\n(and {pair.others} more)" if pair.others else ""
-            table.add_row(names, f"{pair.sigma:.1f} σ", _parted(pair))
+            table.add_row(names, f"{pair.sigma:.1f} σ", _separated(pair))
         if len(pairs) > _MOST_PAIRS:
             kinds = ", ".join(group)
             table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
@@ -152,7 +152,7 @@ def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
     return f"{name} ({symbols[name]})" if name in symbols else name
 
 
-def _parted(pair: Pair) -> Text:
+def _separated(pair: Pair) -> Text:
     helps = [one for one in pair.further if is_separable(one.sigma)]
     if helps:
         return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))

@@ -41,19 +41,11 @@ from analysis.robot_programs.plan import (
     in_base,
 )
 from analysis.robot_programs.ways import straight
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.part import Vector
-from rigs.schema.vocabulary import Direction, ProgramTest, TestName
-
-RECORDED_AS: dict[ProgramTest, TestName] = {
-    "circle": "yaw",
-    "roll": "roll",
-    "hemisphere": "radial",
-    "repeatability": "repeatability",
-}
-"""The name under which a run of each program is recorded."""
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 LONGEST_ARC_DEG = 90.0
 """An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is
@@ -74,18 +66,27 @@ _STAND_S = 3.0
 """Standing before the motion: automatic runs know it by a stand, and `still_s` is 2 s unless given."""
 
 
-def plans_of(rig: Rig, test: ProgramTest, dwell_s: float, outputs: tuple[int, ...] = ()) -> list[Plan]:
-    """The plans of a test, one for each program. Raises FileError where the robot cannot do it.
+def plans_of(rig: Rig, test: DrivenTest, dwell_s: float, outputs: tuple[int, ...] = ()) -> list[Plan]:
+    """The plans of a test, one for each program. Raises FileError where the robot cannot do it, UseError for outputs
+    that no program would switch.
 
     dwell_s: standing at each target; outputs: digital outputs for the signal of automatic runs, where the rig file does
     not name them.
     """
-    if test in ("circle", "roll"):
-        return [_circle(rig, test, direction, outputs) for direction in ("acw", "cw")]
-    return [_hemisphere(rig, dwell_s, outputs) if test == "hemisphere" else _repeatability(rig, dwell_s, outputs)]
+    directions: tuple[Direction | None, ...] = ("acw", "cw") if test in CIRCLES else (None,)
+    if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions):
+        what = f"the rig file has no rule that waits for a signal of the {test} test"
+        raise UseError("--outputs", what, "add it to automatic.rules, or leave --outputs out")
+    return [_planned(rig, test, direction, dwell_s, outputs) for direction in directions]
 
 
-def _circle(rig: Rig, test: ProgramTest, direction: Direction, outputs: tuple[int, ...]) -> Plan:
+def _planned(rig: Rig, test: DrivenTest, direction: Direction | None, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+    if direction is not None:
+        return _circle(rig, test, direction, outputs)
+    return _radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)
+
+
+def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...]) -> Plan:
     circle, arm = circle_of(rig), arm_of(rig.robot)
     t_s, phi = lap(circle, direction)
     q = circle_program(rig, direction).q[: len(t_s)]
@@ -123,7 +124,7 @@ def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:
     ]
 
 
-def _hemisphere(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     targets = _targets(rig, radial_stops(rig))
     arm, centre, radius = _sphere(rig)
     steps: list[Step] = [Dwell(dwell_s)]
@@ -133,7 +134,7 @@ def _hemisphere(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
         key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
         way, at = known[key] = known.get(key) or over_sphere(arm, at, target, centre, radius)
         steps += [*way, Dwell(dwell_s)]
-    return _plan(rig, "hemisphere", None, outputs, targets[0], steps)
+    return _plan(rig, "radial", None, outputs, targets[0], steps)
 
 
 def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
@@ -184,7 +185,7 @@ def _ball(arm: Arm, centre_mm: Vector) -> Array:
 
 def _plan(
     rig: Rig,
-    test: ProgramTest,
+    test: DrivenTest,
     direction: Direction | None,
     outputs: tuple[int, ...],
     start: Target,
@@ -192,7 +193,7 @@ def _plan(
 ) -> Plan:
     """The plan with what every program begins and ends with."""
     arm = arm_of(rig.robot)
-    ball = circle_of(rig).centre_mm if test in ("circle", "roll") else hemisphere_of(rig).centre_mm
+    ball = circle_of(rig).centre_mm if test in CIRCLES else hemisphere_of(rig).centre_mm
     number, automatic = _signal_of(rig, test, direction)
     hold = [] if automatic else [Hold("mount the ball link, start the recording, continue")]
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
@@ -208,10 +209,10 @@ def _plan(
     )
 
 
-def _signal_of(rig: Rig, test: ProgramTest, direction: Direction | None) -> tuple[int, bool]:
+def _signal_of(rig: Rig, test: DrivenTest, direction: Direction | None) -> tuple[int, bool]:
     """The number that announces a program, 0 for none, and whether its runs start by themselves."""
     for rule in rig.automatic.rules if rig.automatic else ():
-        if (rule.test, rule.direction) == (RECORDED_AS[test], direction):
+        if (rule.test, rule.direction) == (test, direction):
             return rule.when.signal or 0, True
     return 0, False
 

@@ -31,7 +31,7 @@ def rule_of(run: Run) -> Rule:
     """The rule for the program of a recorded run. Raises FileError where the run shows no event that could be known."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
-        raise FileError(where, "was imported and has no robot to follow", "give a recorded run")
+        raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
     if manifest.test == "pose":
         raise FileError(where, "is a pose test, which rigd cannot record", "give a recorded run of another test")
     robot = run.streams["robot"]

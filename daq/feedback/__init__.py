@@ -15,6 +15,7 @@ from daq.protocol.conversation import Device, Host
 from rigs.errors import CellError
 from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
+from rigs.text import to_install
 
 Read = Callable[[int], Sequence[float]]
 
@@ -26,7 +27,7 @@ def load(feedback: Feedback) -> Any:
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
         what = f"{feedback.interface} needs the package {package}, which is not installed"
-        raise CellError("feedback", what, f"pip install {package}") from None
+        raise CellError("feedback", what, to_install(package)) from None
 
 
 def host(feedback: Feedback) -> Host:

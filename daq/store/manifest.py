@@ -33,6 +33,7 @@ from daq.store.records import (
     Text,
     first_error,
     iso_now,
+    no_run,
     parse_chunk,
     sha256,
     to_recover,
@@ -262,7 +263,7 @@ def load_manifest(run: Path) -> Manifest:
     path = run / MANIFEST
     try:
         if not run.is_dir():
-            raise FileError(str(run), "no such run directory", "check the path")
+            raise no_run(run)
         data = read_bytes(path, _MOST_BYTES)
         manifest = Manifest.model_validate_json(data)
         return manifest if manifest.version == 1 else _with_ledger(run, manifest, sha256(data))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import re
 from datetime import UTC, datetime
@@ -11,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from daq.store.schema import ColumnType, storable
+from rigs.errors import FileError
 from rigs.text import as_argument
 
 Ending = Literal["complete", "interrupted", "failed"]
@@ -18,6 +20,8 @@ ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovere
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
 Text = Annotated[str, AfterValidator(storable)]
 Count = Annotated[int, Field(ge=0)]
+BEING_RECORDED = ("is being recorded", "wait for its end, or end it: rig record stop")
+"""What is said of a run that is not ended yet, and what a person does."""
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
 
@@ -99,6 +103,19 @@ class Seal(Record):
 def to_recover(run: Path) -> str:
     """Return what a person should do about a run that was cut off or is damaged, as it can be copied into a shell."""
     return f"run `rig recover {as_argument(run)}`"
+
+
+def no_run(path: Path) -> FileError:
+    """Return the error of a path that is no directory. A recorded run's directory begins with its time, so a person who
+    gives the name alone is shown the run that ends with it, where there is one."""
+    if path.exists():
+        return FileError(str(path), "is a file, not the directory of a run", "give the directory of a run")
+    try:
+        named = list(path.parent.glob(f"*_{glob.escape(path.name)}")) if path.name else []
+    except OSError:
+        named = []
+    meant = f"did you mean {as_argument(named[0])}?" if len(named) == 1 else "check the path"
+    return FileError(str(path), "no such run directory", meant)
 
 
 def first_error(error: ValidationError) -> str:

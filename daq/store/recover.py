@@ -23,7 +23,7 @@ from daq.store import durable
 from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
 from daq.store.ledger import LEDGER, Entry, Ledger, claimed_rows, lines_of, read_ledger
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
-from daq.store.records import Chunk, Seal, chunk_name, parse_chunk, sha256
+from daq.store.records import BEING_RECORDED, Chunk, Seal, chunk_name, no_run, parse_chunk, sha256
 from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS
 from daq.store.stream_writer import describe, store_chunk
@@ -60,10 +60,10 @@ def recover(path: Path) -> Recovery:
     """
     try:
         if not path.is_dir():
-            raise FileError(str(path), "no such run directory", "check the path")
+            raise no_run(path)
         held = durable.try_lock(path)
         if held is None:
-            raise FileError(str(path), "is still being recorded", "wait for its end or stop it")
+            raise FileError(str(path), *BEING_RECORDED)
         try:
             return _repaired(path)
         finally:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from daq.store import durable
 from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
-from daq.store.records import Relabelling, first_error, iso_now, to_recover
+from daq.store.records import BEING_RECORDED, Relabelling, first_error, iso_now, to_recover
 from rigs.errors import CellError, FileError, UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
@@ -35,11 +35,13 @@ def relabel(
     where the run is being recorded, was not closed, or cannot be what the words say; UseError for words that no run
     may hold; CellError when the disk refuses.
     """
-    load_manifest(run)
+    unchanged = load_manifest(run)
     try:
         held = durable.try_lock(run)
+        if held is None and unchanged.exit_status == "recording":
+            raise FileError(str(run), *BEING_RECORDED)
         if held is None:
-            raise FileError(str(run), "is being recorded or changed by another program", "try again when it has ended")
+            raise FileError(str(run), "is being changed by another program", "try again when it has ended")
         try:
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
@@ -99,13 +101,13 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """What both become. Raises FileError where the run cannot be that."""
+    """What both become. Raises FileError where the run cannot be that, UseError for a direction without a circle."""
     if test != manifest.test and not _alike(manifest, test):
         what = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
         raise FileError(str(run), what, f"import them again with --test {test}")
     if test not in CIRCLES:
         if direction is not None:
-            raise FileError(str(run), f"a {test} test has no direction", "leave --direction out")
+            raise UseError("--direction", f"a {test} test has no direction", "leave it out")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")

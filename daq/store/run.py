@@ -17,7 +17,7 @@ from daq.store.arrays import array_of, piece_of
 from daq.store.chunk import MOST_BYTES, from_parquet
 from daq.store.durable import TEMPORARY, is_locked
 from daq.store.manifest import Manifest, load_manifest, unreadable
-from daq.store.records import Chunk, sha256, to_recover
+from daq.store.records import BEING_RECORDED, Chunk, sha256, to_recover
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -56,7 +56,7 @@ def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
     recording = manifest.exit_status == "recording"
     try:
         if recording and is_locked(path):
-            raise FileError(str(path), "is still being recorded", "wait for its end or stop it")
+            raise FileError(str(path), *BEING_RECORDED)
     except OSError as error:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):

@@ -14,7 +14,7 @@ from daq.store import durable
 from daq.store.ledger import LEDGER, read_ledger
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
-from daq.store.records import sha256, to_recover
+from daq.store.records import BEING_RECORDED, sha256, to_recover
 from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
@@ -135,7 +135,7 @@ def _ledger(path: Path, manifest: Manifest) -> list[str]:
 def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]:
     problems = []
     if is_recorded:
-        problems.append(f"{path}: is being recorded; wait for its end, or end it: rig record stop")
+        problems.append(f"{path}: {'; '.join(BEING_RECORDED)}")
     elif manifest.exit_status == "recording":
         problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from rigs.schema.part import Part
 from rigs.schema.robot import Posture
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import Direction, DrivenTest
 
 NEAR_DEG = 0.5
 """A robot whose joints are all so near to a posture stands there; programs come back to within 0.02°."""
@@ -56,7 +56,7 @@ class Rule(Part):
     """One event of the robot, and what is recorded from then on."""
 
     when: When
-    test: Literal["yaw", "roll", "radial", "repeatability"]
+    test: DrivenTest
     direction: Direction | None = None
     still_s: float = Field(default=2.0, ge=0.2, le=3600)
     """The run ends when the robot has stood still for so long; after a signal, counted from the signal's end."""

@@ -8,8 +8,8 @@ Direction = Literal["cw", "acw"]
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
 
-ProgramTest = Literal["circle", "roll", "hemisphere", "repeatability"]
-"""What a robot's program drives; circle is the yaw test."""
+DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
+"""The tests that a program of the robot drives, with the ball link."""
 Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 """Makers of controllers for which programs and corrections are written."""
 MAKERS: tuple[Maker, ...] = get_args(Maker)

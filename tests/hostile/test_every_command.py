@@ -206,7 +206,7 @@ def cases() -> dict[str, Case]:
         "paper": lambda cell, own: [["--rig", cell / "no rig"]],
         "plan": lambda cell, own: [[cell / "no rig"], [cell / "rig.yaml", "--tests", EVIL]],
         "program": lambda cell, own: [
-            [cell / "rig.yaml", "--for", "fanuc", "--test", "circle", "-o", own / (EVIL.replace("/", "|") + BYTES)],
+            [cell / "rig.yaml", "--for", "fanuc", "--test", "yaw", "-o", own / (EVIL.replace("/", "|") + BYTES)],
             [cell / "rig.yaml", "--for", "ur", "--test", "roll", "-o", cell / "rig.yaml"],
             [cell / "no rig", "--for", "ur", "--test", EVIL, "--outputs", EVIL, "-o", own / "made"],
         ],

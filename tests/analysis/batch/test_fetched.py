@@ -143,7 +143,7 @@ def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
 @pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])
 def test_a_package_that_is_missing_is_named(url: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, what, None)
-    with pytest.raises(FileError, match=f"not installed: .*{what}.*pip install s3fs"), fetched(location(url)):
+    with pytest.raises(FileError, match=f"not installed: .*{what}.*pip install {what}"), fetched(location(url)):
         pass
 
 

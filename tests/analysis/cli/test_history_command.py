@@ -94,7 +94,7 @@ def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear all,")
     done = command_line.ran("history", "ur10e", "--data", runs, "-o", letter)
-    assert done.returncode == 3 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
+    assert done.returncode == 2 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
     assert letter.read_text() == "Dear all,"
 
 

@@ -24,10 +24,25 @@ from tests.support.command_line import ran
         (("live", "--speed", "2"), "--speed: is allowed only with --run"),
         (("live", "--plain", "--json"), "--plain and --json: exclude each other"),
         (
-            ("program", "ur10e", "--for", "ur", "--test", "circle", "-o", "out", "--dwell-s", "5"),
-            "rig program: Invalid value for --dwell-s: the circle program stands at no targets",
+            ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--dwell-s", "5"),
+            "rig program: Invalid value for --dwell-s: the yaw program stands at no targets",
+        ),
+        (
+            ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--outputs", "0,99"),
+            "--outputs: the rig file has no rule that waits for a signal of the yaw test; add it to automatic.rules",
         ),
         (("diagnose", "run", "--tolerance-um", "inf"), "rig diagnose: Invalid value for '--tolerance-um'"),
+        (
+            ("diagnose", "run", "--tolerance-um", "much"),
+            "rig diagnose: Invalid value for '--tolerance-um': it must be a valid number; see",
+        ),
+        (
+            ("program", "ur10e", "--for", "siemens", "--test", "yaw", "-o", "out"),
+            "rig program: Invalid value for '--for': 'siemens' is not one of 'ur', 'fanuc',",
+        ),
+        (("emulate", "ur10e", "--seed", "-5"), "rig emulate: Invalid value for '--seed': it must be greater than"),
+        (("simulate", "ur10e", "--test", "radial", "--direction", "cw", "-o", "out"), "--direction: a radial test has"),
+        (("fleet", "plant", "-o", "page.pdf"), "page.pdf: is not the name of a page"),
     ],
 )
 def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line: str) -> None:

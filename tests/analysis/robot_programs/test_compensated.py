@@ -33,13 +33,13 @@ from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.effects import Found, JointOffset
 from rigs.errors import FileError
 from rigs.load import load
-from rigs.schema.vocabulary import Maker, ProgramTest
+from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
 from tests.support.interpreters.driven import paths, run
 from tests.support.interpreters.machine import Event, Pose, Round, Stood, Straight, Waited
 
-Tables = Callable[[ProgramTest], Path]
+Tables = Callable[[DrivenTest], Path]
 
 ZERO_DEG, U_DEG, AXIS = 0.06, 0.006, 3
 DWELL_S = 4.0
@@ -56,7 +56,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """The corrected path of a test, computed once."""
 
     @lru_cache
-    def corrected(test: ProgramTest) -> Path:
+    def corrected(test: DrivenTest) -> Path:
         directory = tmp_path_factory.mktemp(test)
         path = directory / "path.csv"
         path.write_text(table_of(_nominal(test)), encoding="utf-8")
@@ -67,19 +67,19 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Tables:
 
 
 @lru_cache
-def _nominal(test: ProgramTest) -> tuple[Plan, ...]:
+def _nominal(test: DrivenTest) -> tuple[Plan, ...]:
     return tuple(plans_of(RIG, test, DWELL_S))
 
 
 @lru_cache
-def _planned(test: ProgramTest, path: Path) -> tuple[Plan, Demand]:
+def _planned(test: DrivenTest, path: Path) -> tuple[Plan, Demand]:
     """The first corrected program of a test."""
     joints, poses = read_corrected_path(path)
     plan = compensated(_nominal(test), np.radians(joints.values), poses.poses(), joints.lines, str(path))[0]
     return plan, demand_of(plan)
 
 
-def _driven(dialect: Maker, test: ProgramTest, path: Path) -> list[Event]:
+def _driven(dialect: Maker, test: DrivenTest, path: Path) -> list[Event]:
     newline = DIALECTS[dialect].newline
     files = programs_of(dialect, [_planned(test, path)])
     return run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, RIG)
@@ -114,8 +114,8 @@ def _column(path: Path, name: str) -> Array:
 def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_targets(
     dialect: Maker, tables: Tables
 ) -> None:
-    path, circle = tables("circle"), circle_of(RIG)
-    pieces = paths(_driven(dialect, "circle", path))
+    path, circle = tables("yaw"), circle_of(RIG)
+    pieces = paths(_driven(dialect, "yaw", path))
     one_lap = pieces[: 1 + next(k for k, piece in enumerate(pieces) if piece.stops)]
     phi, share = lap(circle, "acw")[1], np.linspace(0, 1, POINTS)
     ends = phi[0] + np.linspace(0, 1, len(one_lap) + 1) * (phi[-1] - phi[0])
@@ -130,8 +130,8 @@ def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_ta
 
 
 def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_left(tables: Tables) -> None:
-    path, q = tables("hemisphere"), radial_stops(RIG)
-    poses = _dwelt(_driven("ur", "hemisphere", path))
+    path, q = tables("radial"), radial_stops(RIG)
+    poses = _dwelt(_driven("ur", "radial", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)
     stated, missed = _column(path, "u_mm"), _column(path, "missed_mm")
     assert missed.min() > 0.25
@@ -156,16 +156,16 @@ def _dwelt(events: list[Event]) -> list[Pose]:
 def test_the_commands_lead_from_a_test_to_its_corrected_program(
     tmp_path: Path, tables: Tables, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("program", "ur10e", "--for", "kuka", "--test", "circle", "-o")
+    words = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o")
     assert ended(*words, tmp_path / "nominal", "--targets") == 0
-    head, first, *_ = (tmp_path / "nominal" / "circle-path.csv").read_text(encoding="ascii").splitlines()
-    assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("circle acw ur10e,")
-    assert ended(*words, tmp_path / "corrected", "--path", tables("circle")) == 0
-    assert "; the targets are corrected, by up to 0.72 mm" in (
-        tmp_path / "corrected" / "circle_acw_ur10e.src"
-    ).read_text(encoding="ascii")
+    head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
+    assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("yaw acw ur10e,")
+    assert ended(*words, tmp_path / "corrected", "--path", tables("yaw")) == 0
+    assert "; the targets are corrected, by up to 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(
+        encoding="ascii"
+    )
     capsys.readouterr()
-    assert ended(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "circle-path.csv") == 3
+    assert ended(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "yaw-path.csv") == 3
     refused = capsys.readouterr().err
     assert "has no column x_mm" in refused and "give the table corrected-….csv" in refused
     assert not (tmp_path / "other").exists()
@@ -174,12 +174,12 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
 @pytest.mark.parametrize(
     ("robot", "test", "told"),
     [
-        ("ur10e", "hemisphere", "rows, this test has"),
-        ("paper-fanuc", "circle", "line 2: is .* from the target of this test"),
+        ("ur10e", "radial", "rows, this test has"),
+        ("paper-fanuc", "yaw", "line 2: is .* from the target of this test"),
     ],
 )
-def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: ProgramTest, told: str, tables: Tables) -> None:
-    path = tables("circle")
+def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: DrivenTest, told: str, tables: Tables) -> None:
+    path = tables("yaw")
     joints, poses = read_corrected_path(path)
     plans = plans_of(load(robot)[0], test, DWELL_S)
     with pytest.raises(FileError, match=told):
@@ -190,17 +190,17 @@ def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: ProgramTest
 def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(
     add_deg: float, room_deg: float, told: str, tables: Tables
 ) -> None:
-    joints, poses = read_corrected_path(tables("circle"))
+    joints, poses = read_corrected_path(tables("yaw"))
     q, limits = np.radians(joints.values), ARM.limits.copy()
     limits[3, 1] = q[:, 3].max() + np.radians(room_deg)
     row = int(q[:, 3].argmax())
     q[row, 3] += np.radians(add_deg)
-    plans = [replace(plan, arm=replace(ARM, limits=limits)) for plan in _nominal("circle")]
+    plans = [replace(plan, arm=replace(ARM, limits=limits)) for plan in _nominal("yaw")]
     with pytest.raises(FileError, match=f"line {row + 2}: .*{told}"):
         compensated(plans, q, poses.poses(), joints.lines, "path.csv")
 
 
 def test_the_targets_of_an_arm_are_where_the_nominal_arm_stands(tables: Tables) -> None:
-    plan = _nominal("circle")[0]
-    joints, poses = read_corrected_path(tables("circle"))
+    plan = _nominal("yaw")[0]
+    joints, poses = read_corrected_path(tables("yaw"))
     np.testing.assert_allclose(forward(plan.arm, np.radians(joints.values)), poses.poses(), atol=1e-5)

@@ -26,7 +26,7 @@ LONGEST = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
 def planned() -> list[tuple[Plan, Demand]]:
     """Both directions of a circle, for a rig of the longest name."""
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
-    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "circle", 3.0)]
+    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
@@ -72,10 +72,10 @@ def test_identifiers_and_comments() -> None:
 def test_the_command_writes_both_directions_and_nothing_twice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    order = ("program", "ur10e", "--for", "kuka", "--test", "circle", "-o", tmp_path / "out")
+    order = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
     assert ended(*order) == 0
     said = capsys.readouterr()
-    names = ["circle_acw_ur10e.dat", "circle_acw_ur10e.src", "circle_cw_ur10e.dat", "circle_cw_ur10e.src"]
+    names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert sorted(Path(line).name for line in said.out.split()) == names
     assert "wrist 3 turns from" in said.err and "nothing in this program serves it" in said.err
@@ -96,7 +96,12 @@ def _commands() -> list[str]:
 @pytest.mark.parametrize("line", _commands())
 def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "cell.yaml").write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
+    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
+    rig["feedback"] = {"interface": "line_feed", "port": "tcp://192.168.1.10:59002", "fields": fields}
+    directions = enumerate(("acw", "cw"), start=1)
+    rules = [{"when": {"signal": number}, "test": "roll", "direction": one} for number, one in directions]
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(rig | {"automatic": {"rules": rules}}), encoding="utf-8")
     assert ended(*line.split()[1:]) == 0
     assert list((tmp_path / "programs").iterdir())
 
@@ -104,11 +109,11 @@ def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (("--for", "kuka", "--test", "yaw"), 2, "--test"),
-        (("--for", "comau", "--test", "circle"), 2, "--for"),
-        (("--for", "ur", "--test", "circle", "--outputs", "a"), 2, "not a list of numbers"),
-        (("--for", "ur", "--test", "circle", "--outputs", "1,1"), 2, "different outputs"),
-        (("--for", "ur", "--test", "hemisphere", "--dwell-s", "0"), 2, "--dwell-s"),
+        (("--for", "kuka", "--test", "circle"), 2, "'circle' is not one of 'yaw', 'roll', 'radial', 'repeatability'"),
+        (("--for", "comau", "--test", "yaw"), 2, "--for"),
+        (("--for", "ur", "--test", "yaw", "--outputs", "a"), 2, "not a list of numbers"),
+        (("--for", "ur", "--test", "yaw", "--outputs", "1,1"), 2, "different outputs"),
+        (("--for", "ur", "--test", "radial", "--dwell-s", "0"), 2, "--dwell-s"),
     ],
 )
 def test_wrong_use_is_one_line(
@@ -134,7 +139,7 @@ def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")
-    for test, says in (("circle", "out of reach"), ("hemisphere", "no tests.hemisphere")):
+    for test, says in (("yaw", "out of reach"), ("radial", "no tests.hemisphere")):
         assert ended("program", tmp_path / "far.yaml", "--for", "abb", "--test", test, "-o", tmp_path / "out") == 3
         said = capsys.readouterr().err
         assert says in said and said.count("\n") == 1

@@ -19,7 +19,7 @@ from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
-from rigs.schema.vocabulary import Maker, ProgramTest
+from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import along, paths, run, stops
 from tests.support.interpreters.joints import postures
@@ -34,7 +34,7 @@ EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
 
 @lru_cache
-def programs(arm: str, test: ProgramTest, dialect: Maker) -> tuple[dict[str, str], ...]:
+def programs(arm: str, test: DrivenTest, dialect: Maker) -> tuple[dict[str, str], ...]:
     """The files of each program of a test, lines ending as the controller's do."""
     newline = DIALECTS[dialect].newline
     return tuple(
@@ -44,7 +44,7 @@ def programs(arm: str, test: ProgramTest, dialect: Maker) -> tuple[dict[str, str
 
 
 @lru_cache
-def planned_for(arm: str, test: ProgramTest) -> tuple[tuple[Plan, Demand], ...]:
+def planned_for(arm: str, test: DrivenTest) -> tuple[tuple[Plan, Demand], ...]:
     """The plans of a test with what they ask of the arm."""
     return tuple((plan, demand_of(plan)) for plan in plans_of(rig_of(arm), test, DWELL_S))
 
@@ -71,9 +71,9 @@ def tolerances(dialect: str) -> tuple[float, float]:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("direction", ["acw", "cw"])
-@pytest.mark.parametrize("test", ["circle", "roll"])
+@pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str, dialect: Maker) -> None:
+def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, dialect: Maker) -> None:
     files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
     pieces = paths(run(dialect, files, rig_of(arm)))
     way, *expected = simulated(arm, direction)
@@ -85,7 +85,7 @@ def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str,
 @pytest.mark.parametrize(("arm", "dialect"), [(arm, arm.partition("-")[0]) for arm in LIBRARY])
 def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Maker) -> None:
     """In the language of their maker: their angles are the controller's, with its signs and couplings."""
-    pieces = paths(run(dialect, programs(arm, "circle", dialect)[0], rig_of(arm)))
+    pieces = paths(run(dialect, programs(arm, "yaw", dialect)[0], rig_of(arm)))
     way, *expected = simulated(arm, "acw")
     mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
     assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
@@ -98,7 +98,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Make
 def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: Maker, axes: list[int]) -> None:
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
-    said = postures(rig, run(dialect, programs(arm, "circle", dialect)[0], rig), start)
+    said = postures(rig, run(dialect, programs(arm, "yaw", dialect)[0], rig), start)
     assert len({posture for _, posture in said}) > 1, "no count changes along this circle"
     for q, posture in said:
         turns = np.sign(q[[*axes]]) * np.floor(np.abs(np.degrees(q[[*axes]])) / 360 + 0.5)
@@ -107,12 +107,12 @@ def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: M
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-@pytest.mark.parametrize("test", ["hemisphere", "repeatability"])
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_stops_are_the_simulators(arm: str, test: ProgramTest, dialect: Maker) -> None:
+def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: Maker) -> None:
     rig = rig_of(arm)
     events = run(dialect, programs(arm, test, dialect)[0], rig)
-    q = radial_stops(rig) if test == "hemisphere" else repeatability_stops(rig)
+    q = radial_stops(rig) if test == "radial" else repeatability_stops(rig)
     mm, rad = apart(stops(events), reached(rig, q))
     assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
 
@@ -124,7 +124,7 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: Maker) -> N
     rig = rig_of(arm)
     sphere = hemisphere_of(rig)
     centre = pose_of(rig.robot.base).turn.inv().apply(np.array(sphere.centre_mm) - rig.robot.base.xyz_mm)
-    pieces = paths(run(dialect, programs(arm, "hemisphere", dialect)[0], rig))
+    pieces = paths(run(dialect, programs(arm, "radial", dialect)[0], rig))
     places = np.concatenate([piece.at(np.linspace(0, 1, 11))[0] for piece in pieces])
     assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < tolerances(dialect)[0]
 
@@ -132,7 +132,7 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: Maker) -> N
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: Maker) -> None:
     circle = circle_of(rig_of("ur10e"))
-    pieces = paths(run(dialect, programs("ur10e", "circle", dialect)[0], rig_of("ur10e")))
+    pieces = paths(run(dialect, programs("ur10e", "yaw", dialect)[0], rig_of("ur10e")))
     ends = [number for number, piece in enumerate(pieces) if piece.stops]
     laps = 2 * circle.laps - 1
     assert len(ends) == laps and ends[-1] == len(pieces) - 1
@@ -144,7 +144,7 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: Maker) -> None:
-    events: list[Event] = run(dialect, programs("ur10e", "hemisphere", dialect)[0], rig_of("ur10e"))
+    events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     assert isinstance(events[0], Stood) and isinstance(events[1], Held)
     assert sum(isinstance(event, Held) for event in events) == 1
     targets = len(radial_stops(rig_of("ur10e")))
@@ -154,7 +154,7 @@ def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: Maker) 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_controller_that_interpolates_each_angle_turns_the_tool_the_same_way(arm: str) -> None:
     """The circle's axis is the tool's x axis, so that its turn is one of the three angles alone."""
-    pieces = paths(run("fanuc", programs(arm, "circle", "fanuc")[0], rig_of(arm)))
+    pieces = paths(run("fanuc", programs(arm, "yaw", "fanuc")[0], rig_of(arm)))
     share = np.linspace(0, 1, 31)
     for piece in pieces:
         assert isinstance(piece, Round) and piece.turning == "even"

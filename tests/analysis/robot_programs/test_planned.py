@@ -50,7 +50,7 @@ def files_of(rig: Rig, dialect: Maker, plan: Plan) -> dict[str, str]:
 
 def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
     rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
-    acw, cw = plans_of(rig, "circle", 3.0)
+    acw, cw = plans_of(rig, "yaw", 3.0)
     assert [step.value for step in acw.steps if isinstance(step, Signal)] == [2, 0]
     assert [step.value for step in cw.steps if isinstance(step, Signal)] == [1, 0]
     assert not any(isinstance(step, Hold) for step in acw.steps)
@@ -72,7 +72,7 @@ def test_a_test_without_a_rule_waits_for_a_person() -> None:
 
 def test_a_register_of_rtde_shows_the_signal() -> None:
     rig = rig_with(feedback=RTDE | {"signal": {"int_register": 24}}, automatic={"rules": RULES})
-    events = run("ur", files_of(rig, "ur", plans_of(rig, "circle", 3.0)[1]), rig)
+    events = run("ur", files_of(rig, "ur", plans_of(rig, "yaw", 3.0)[1]), rig)
     assert [event for event in events if isinstance(event, Shown)] == [Shown(24, 1), Shown(24, 0)]
 
 
@@ -89,20 +89,20 @@ def test_nothing_is_switched_that_was_not_named() -> None:
     with pytest.raises(FileError, match="signal 3 does not fit into 1 outputs; give --outputs"):
         plans_of(rig, "repeatability", 3.0, (9,))
     with pytest.raises(FileError, match="0 outputs"):
-        plans_of(rig, "circle", 3.0)
+        plans_of(rig, "yaw", 3.0)
 
 
 @pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
 def test_an_output_that_the_controller_does_not_have_is_refused(dialect: Maker, number: int) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
-    plan = plans_of(rig, "circle", 3.0, (number, 1))[0]
+    plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
     with pytest.raises(FileError, match=f"has no digital output {number}; give --outputs"):
         files_of(rig, dialect, plan)
 
 
 def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
     rig = rig_with("paper-fanuc", feedback=LINES, automatic={"rules": RULES})
-    files = files_of(rig, "fanuc", plans_of(rig, "circle", 3.0, (9, 10))[0])
+    files = files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
     text = files["RIGFEED.KL"]
     assert "$HOSTS_CFG[3].$SERVER_PORT', 59002" in text
     assert re.findall(r"IF DOUT\[(\d+)\] THEN\s+signal = signal \+ (\d+)", text) == [("9", "1"), ("10", "2")]
@@ -117,7 +117,7 @@ def test_a_condition_that_karel_cannot_print_is_refused() -> None:
     feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
     with pytest.raises(FileError, match="cannot print speed_percent; take it out of"):
-        files_of(rig, "fanuc", plans_of(rig, "circle", 3.0, (9, 10))[0])
+        files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
 
 
 def printed(text: str) -> bytes:
@@ -146,7 +146,7 @@ def test_the_program_starts_the_feedback_of_its_maker(
     dialect: Maker, feedback: dict[str, Any], words: tuple[str, ...]
 ) -> None:
     rig = rig_with(feedback=feedback)
-    files = files_of(rig, dialect, plans_of(rig, "circle", 3.0)[0])
+    files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
     assert run(dialect, files, rig)
     assert all(any(word in text for text in files.values()) for word in words)
     assert "nothing in this program serves it" in feedback_note("yaskawa", rig.feedback)
@@ -156,12 +156,12 @@ def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_writ
     tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
     with pytest.raises(FileError, match="out of reach"):
-        plans_of(rig_with(tests=tests), "hemisphere", 3.0)
+        plans_of(rig_with(tests=tests), "radial", 3.0)
 
 
 def test_the_turns_of_the_wrist_are_reported() -> None:
     rig = rig_with()
-    plan = plans_of(rig, "circle", 3.0)[0]
+    plan = plans_of(rig, "yaw", 3.0)[0]
     demand = demand_of(plan)
     lines = demand_lines(plan, demand, [axis.name for axis in rig.robot.axes])
     (turning,) = [line for line in lines if line.startswith("wrist 3")]

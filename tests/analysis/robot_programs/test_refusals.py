@@ -39,7 +39,7 @@ MARKS = {
 
 @lru_cache
 def program(dialect: Maker) -> dict[str, str]:
-    plan = plans_of(rig_of("ur10e"), "circle", 3.0)[0]
+    plan = plans_of(rig_of("ur10e"), "yaw", 3.0)[0]
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return {name: text.replace("\n", DIALECTS[dialect].newline) for name, text in files.items()}
 

@@ -59,7 +59,7 @@ def opc_ua_served(feedback: OPCUARobotics) -> Iterator[None]:
         thread.join()
 
 
-@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
 def test_port_4840_is_asked_as_opc_ua() -> None:
     feedback = opc_ua(port="tcp://127.0.0.48:4840")
     absent = search_robot(feedback.port)
@@ -70,7 +70,7 @@ def test_port_4840_is_asked_as_opc_ua() -> None:
     assert "protective stop" in report.said
 
 
-@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
 def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
     names = ("Base", "Shoulder", "Elbow", "Wrist1", "Wrist2", "Wrist3")
     feedback = opc_ua(port="tcp://127.0.0.48:4840", axes=names)

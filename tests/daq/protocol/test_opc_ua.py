@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("asyncua", reason="asyncua is not installed: pip install 'rig[opcua]'")
+pytest.importorskip("asyncua", reason="asyncua is not installed: pip install '.[opcua]'")
 
 from asyncua import ua
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("asyncua", reason="asyncua is not installed: pip install 'rig[opcua]'")
+pytest.importorskip("asyncua", reason="asyncua is not installed: pip install '.[opcua]'")
 
 from asyncua import ua
 from asyncua.common.utils import Buffer

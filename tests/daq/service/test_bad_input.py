@@ -238,7 +238,7 @@ def test_a_run_without_one_of_its_streams_is_told(bench: Bench) -> None:
 def test_a_run_that_is_still_recorded_is_not_analysed(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
-    assert "still being recorded" in bench.fails("rig", "analyse", path, code=3)
+    assert "is being recorded" in bench.fails("rig", "analyse", path, code=3)
 
 
 def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:

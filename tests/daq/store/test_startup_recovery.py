@@ -59,7 +59,7 @@ def test_two_daemons_share_a_runs_directory(bench: Bench, tmp_path: Path) -> Non
         bench.start()
         _revived(bench, first)
         assert load_manifest(second).exit_status == "recording"
-        assert "still being recorded" in other.fails("rig", "recover", second, code=3)
+        assert "is being recorded" in other.fails("rig", "recover", second, code=3)
         assert other.run("rig", "record", "stop").returncode == 0
         for daemon in (bench, other):
             assert "not recovered" not in daemon.signalled(signal.SIGTERM)[1]

@@ -219,7 +219,7 @@ def test_kill_9_keeps_all_that_was_synced(tmp_path: Path, lines: int) -> None:
         path = Path(child.stdout.readline().strip())
         for _ in range(lines):
             child.stdout.readline()
-        with pytest.raises(FileError, match="still being recorded"):
+        with pytest.raises(FileError, match="is being recorded"):
             recover(path)
         child.kill()
         synced = max(4 * lines, *(int(line) for line in child.stdout if line.endswith("\n")), 0)

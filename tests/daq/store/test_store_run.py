@@ -127,7 +127,7 @@ def test_what_sync_returned_for_is_on_the_disk(tmp_path: Path, monkeypatch: pyte
 def test_recording_run_is_neither_read_nor_recovered(tmp_path: Path) -> None:
     writer = record(tmp_path)
     for refuse in (read_run, recover):
-        with pytest.raises(FileError, match="still being recorded"):
+        with pytest.raises(FileError, match="is being recorded"):
             refuse(writer.path)
     writer.close("complete", "", {})
     assert_holds(read_run(writer.path), 12)
@@ -300,3 +300,17 @@ def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_pat
     (path / "manifest.json").unlink()
     with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
         read_run(path)
+
+
+def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path: Path) -> None:
+    run = tmp_path / "20261124T020526Z_trial-acw"
+    run.mkdir()
+    for what in (read_run, recover):
+        with pytest.raises(FileError, match=f"no such run directory; did you mean {run}"):
+            what(tmp_path / "trial-acw")
+    (tmp_path / "20261125T020526Z_trial-acw").mkdir()  # either may be meant
+    with pytest.raises(FileError, match="no such run directory; check the path"):
+        read_run(tmp_path / "trial-acw")
+    (tmp_path / "trial").touch()
+    with pytest.raises(FileError, match="is a file, not the directory of a run"):
+        read_run(tmp_path / "trial")

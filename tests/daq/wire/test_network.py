@@ -205,7 +205,7 @@ def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_pa
     _recorded_through_a_new_start(data, "disconnected", tmp_path)
 
 
-@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
 def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path: Path) -> None:
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "opc_ua_robotics", "port": "tcp://192.168.1.5:4840"}

@@ -61,7 +61,7 @@ class Posed:
 def placed(axis: int, angle: float, along: float = 0.0) -> Array:
     """(4, 4): a turn about x, y or z (0, 1, 2) and a way along the same axis."""
     T = np.eye(4)
-    T[:3, :3] = _turns(np.eye(3)[axis], np.array([angle]))[0]
+    T[:3, :3] = _turned(np.eye(3)[None], np.eye(3)[axis], np.array([angle]))[0]
     T[axis, 3] = along
     return T
 
@@ -87,12 +87,12 @@ def pose(arm: Arm, q: Array) -> Posed:
     point, axis, end = np.empty((n, 6, 3)), np.empty((n, 6, 3)), np.empty((n, 6, 3))
     R, p = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
     for k in range(6):
-        point[:, k] = R @ arm.point[k] + p
-        axis[:, k] = R @ arm.axis[k]
-        R = R @ _turns(arm.axis[k], theta[:, k])
-        p = point[:, k] - R @ arm.point[k]
-        end[:, k] = R @ arm.end[k] + p
-    return Posed(point, axis, end, R @ arm.tool[:3, :3], R @ arm.tool[:3, 3] + p)
+        point[:, k] = _times(R, arm.point[k]) + p
+        axis[:, k] = _times(R, arm.axis[k])
+        R = _turned(R, arm.axis[k], theta[:, k])
+        p = point[:, k] - _times(R, arm.point[k])
+        end[:, k] = _times(R, arm.end[k]) + p
+    return Posed(point, axis, end, _times(R, arm.tool[:3, :3]), _times(R, arm.tool[:3, 3]) + p)
 
 
 def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
@@ -104,12 +104,12 @@ def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
     n, R, p = len(q), np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
     axes, points, hung = [], [], []
     for k in range(6):
-        points.append(R @ arm.point[k] + p)
-        axes.append(R @ arm.axis[k])
-        R = R @ _turns(arm.axis[k], theta[:, k])
-        p = points[k] - R @ arm.point[k]
-        hung.append(R @ arm.hung[k] + p)
-    flange = R @ arm.end[5] + p
+        points.append(_times(R, arm.point[k]) + p)
+        axes.append(_times(R, arm.axis[k]))
+        R = _turned(R, arm.axis[k], theta[:, k])
+        p = points[k] - _times(R, arm.point[k])
+        hung.append(_times(R, arm.hung[k]) + p)
+    flange = _times(R, arm.end[5]) + p
     work = np.zeros((n, 6))
     for k in range(6):
         carried = [(mass, at) for mass, at in zip(arm.mass[k:], hung[k:], strict=True)]
@@ -119,8 +119,14 @@ def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
     return work @ arm.coupling
 
 
-def _turns(axis: Array, angle: Array) -> Array:
-    """Rotations (n, 3, 3) about a unit axis (3,), Rodrigues."""
+def _turned(R: Array, axis: Array, angle: Array) -> Array:
+    """Rotations R (n, 3, 3), each followed by a turn about a unit axis (3,) of its own frame, Rodrigues."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
+    across = _times(R, K)
+    return R + np.sin(angle)[:, None, None] * across + (1 - np.cos(angle))[:, None, None] * _times(across, K)
+
+
+def _times(R: Array, other: Array) -> Array:
+    """R (n, 3, 3) times the same vector (3,) or matrix (3, 3): one product of many rows, not many of three."""
+    return (R.reshape(-1, 3) @ other).reshape(len(R), 3, *other.shape[1:])
