@@ -41,7 +41,10 @@ from tests.support.command_line import ran
             "rig program: Invalid value for '--for': 'siemens' is not one of 'ur', 'fanuc',",
         ),
         (("emulate", "ur10e", "--seed", "-5"), "rig emulate: Invalid value for '--seed': it must be greater than"),
-        (("simulate", "ur10e", "--test", "radial", "--direction", "cw", "-o", "out"), "--direction: a radial test has"),
+        (
+            ("import", "t.csv", "--rig", "ur10e", "--test", "radial", "--direction", "cw", "-o", "out"),
+            "--direction: a radial test has no direction; leave it out",
+        ),
         (("fleet", "plant", "-o", "page.pdf"), "page.pdf: is not the name of a page"),
     ],
 )
