@@ -8,8 +8,7 @@ from pathlib import Path
 
 from analysis.batch.remote_path import RemotePath
 from analysis.batch.run_files import NO_RUNS
-from daq.store.ledger import LEDGER
-from daq.store.manifest import MANIFEST
+from daq.store.manifest import is_run
 from rigs.errors import FileError
 
 
@@ -68,8 +67,8 @@ def _directories_in(folder: Path) -> list[Path]:
 
 
 def _is_run(path: Path) -> bool:
-    """Whether a directory is a run, however damaged: one without a manifest may have its ledger."""
+    """Whether a directory is a run that may be entered."""
     try:
-        return (path / MANIFEST).exists() or (path / LEDGER).exists()
+        return is_run(path)
     except OSError:
         return False

@@ -42,8 +42,9 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
 
 
 def _off_track(places: Array, seen: Array) -> float | None:
-    size = float(np.median(steps(seen)))
-    return float(np.median(np.abs(steps(places) - steps(seen)))) / size if size > 0 else None
+    rows = far_rows(seen)
+    size = float(np.median(steps(seen, rows)))
+    return float(np.median(np.abs(steps(places, rows) - steps(seen, rows)))) / size if size > 0 else None
 
 
 def _off_circle(places: Array, circle: Circle) -> float:
@@ -52,7 +53,17 @@ def _off_circle(places: Array, circle: Circle) -> float:
     return float(np.median(np.maximum(radial, np.abs(from_centre @ frame_of(circle).n)))) / circle.radius_mm
 
 
-def steps(places: Array) -> Array:
-    """Distance of each place (n, 3) from a place far off in the table: the same in every frame. (n,) mm."""
-    distances: Array = np.linalg.norm(places - np.roll(places, len(places) // 2, axis=0), axis=1)
+def far_rows(places: Array) -> int:
+    """How many rows apart places (n, 3) lie farthest from one another, of a few distances in the table.
+
+    Half a table on may be the same place again, where all poses are driven twice, and one row on, where each is
+    measured several times at once.
+    """
+    n = len(places)
+    return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
+
+
+def steps(places: Array, rows: int) -> Array:
+    """Distance of each place (n, 3) from that so many rows before it: the same in every frame. (n,) mm."""
+    distances: Array = np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1)
     return distances

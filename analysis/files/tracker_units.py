@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from analysis.files.gauge_units import FACTORS
-from analysis.files.off_path import steps
+from analysis.files.off_path import far_rows, steps
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
 
@@ -21,23 +21,24 @@ _FARTHER = 8.0
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
-    here, seen = (float(np.median(steps(places))) for places in (T[:, :3, 3], table.xyz_mm))
+    rows = far_rows(table.xyz_mm)
+    here, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, "m": 1e-3}.items():
         if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
             what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / here:.3g} times as far as the robot"
             yield what, "convert them to mm"
     if table.rpy is not None:
-        yield from _tracker_angles(table.rpy, T[:, :3, :3])
+        yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
 
 
-def _tracker_angles(rpy: Array, R: Array) -> Iterator[tuple[str, str]]:
+def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]]:
     """Angles (n, 3) rad as read against the robot's turns R (n, 3, 3): another unit or order fits, and this one not."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    turned = _turns(R)
+    turned = _turns(R, rows)
 
     def off(order: str, angles: Array) -> float:
-        return float(np.median(np.abs(_turns(Rotation.from_euler(order, angles).as_matrix()) - turned)))
+        return float(np.median(np.abs(_turns(Rotation.from_euler(order, angles).as_matrix(), rows) - turned)))
 
     as_read = off("xyz", rpy)
     if as_read < _SAME_TURN_RAD:
@@ -50,8 +51,8 @@ def _tracker_angles(rpy: Array, R: Array) -> Iterator[tuple[str, str]]:
         yield what, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
-def _turns(R: Array) -> Array:
-    """Angle (n,) rad between each rotation (n, 3, 3) and one far off in the table: the same in every frame."""
-    trace = np.einsum("nij,nij->n", R, np.roll(R, len(R) // 2, axis=0))
+def _turns(R: Array, rows: int) -> Array:
+    """Angle (n,) rad between each rotation (n, 3, 3) and that so many rows before it: the same in every frame."""
+    trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
     angles: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
     return angles

@@ -41,8 +41,7 @@ def _examined(path: Path) -> Examined | None:
         if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
             return None
         unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
-        why = "it has no manifest" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
-        return Examined(record_without_figures(unreadable, why), is_evaluated=False)
+        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
     if run.manifest is None or run.status in REASONS:
         return Examined(record_without_figures(run, REASONS[run.status]), _rig_text(run), is_evaluated=False)
     try:

@@ -5,7 +5,7 @@ docs/geometry.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -73,21 +73,26 @@ class Reversal:
     upper: bool
 
 
-def reversals(frame: CircleFrame, arm: Arm, posture: Array, where: str) -> list[Reversal]:
+def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
     """Where the joints turn back on the nominal circle, by axis and phi (Table 1 of the paper).
 
-    posture (6,) rad: near the start of the circle. A joint that swings by less than 0.05° about the point is taken as
-    standing. Raises FileError where the circle cannot be driven.
+    A joint that swings by less than 0.05° about the point is taken as standing. Raises FileError where the arm cannot
+    follow the circle; limits of joints are those of the programs, which drive less than this does.
     """
+    frame, posture = frame_of(circle), np.radians(circle.posture_deg)
     # Beyond one lap at both ends, so that a turn near the start has both its flanks.
-    phi = np.radians(np.arange(-40.0, 400.0, 0.5))
-    q = follow(arm, frame.poses(phi), posture, where)
+    step, first = np.radians(0.5), np.radians(circle.start_deg - circle.lead_deg)
+    unlimited = replace(arm, limits=np.tile([-np.inf, np.inf], (6, 1)))
+    ahead, back = first + step * np.arange(800), first - step * np.arange(1, 80)
+    q_ahead = follow(unlimited, frame.poses(ahead), posture, where)
+    q_back = follow(unlimited, frame.poses(back), q_ahead[0], where)
+    phi, q = np.concatenate([back[::-1], ahead]), np.concatenate([q_back[::-1], q_ahead])
     found = []
     for axis, joint in enumerate(q.T, start=1):
         for sign in (1.0, -1.0):
             for k in peaks(sign * joint, float(np.radians(0.05))):
                 c = np.polyfit(phi[k - 1 : k + 2] - phi[k], joint[k - 1 : k + 2], 2)
                 vertex = phi[k] - c[1] / (2 * c[0])
-                if 0 <= vertex < 2 * np.pi:
-                    found.append(Reversal(axis, float(vertex), sign > 0))
+                if first <= vertex < first + 2 * np.pi:
+                    found.append(Reversal(axis, float(vertex % (2 * np.pi)), sign > 0))
     return sorted(found, key=lambda turn: (turn.axis, turn.phi))

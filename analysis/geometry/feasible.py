@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.circle import SENSE, reversals
 from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
 from rigs.errors import FileError
@@ -21,10 +21,9 @@ def _circle(rig: Rig) -> list[str]:
     circle = rig.tests.circle
     if circle is None:
         return ["no circle is declared"]
-    seconds = circle_program(rig, "acw").t_s[-1]
+    seconds = max(circle_program(rig, direction).t_s[-1] for direction in SENSE)
     laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
-    posture = np.radians(circle.posture_deg)
-    turns = reversals(frame_of(circle), arm_of(rig.robot), posture, f"{rig.name}, tests.circle")
+    turns = reversals(circle, arm_of(rig.robot), f"{rig.name}, tests.circle")
     by_axis: dict[int, list[str]] = {}
     for turn in turns:
         by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")

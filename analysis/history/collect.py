@@ -27,7 +27,7 @@ _FEW = 4
 _SAVED_EVERY = 50
 """Runs after which what is evaluated is saved: a minute of work at most is lost."""
 REASONS = {
-    "damaged": "its manifest or marks cannot be read",
+    "damaged": "its manifest is missing, or it or the marks cannot be read",
     "crashed": "it was cut off: rig recover makes it readable",
     "recording": "it is being recorded",
 }

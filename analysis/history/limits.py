@@ -2,13 +2,16 @@
 
 Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. A series
 stands where its newest run stands. It crossed a bound at the first run proven beyond it after the last one proven
-within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs are
-left out, as they are from the search for changes.
+within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs
+before others are left out, as they are from the search for changes. The newest ones count: a damage that came suddenly
+is wild until it has lasted for some runs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from analysis.history.history import Series
 from analysis.history.records import Record
@@ -41,8 +44,9 @@ def judge(series: Series) -> Judged | None:
     """Return where a series stands, None where it has no limit."""
     if series.limit is None:
         return None
-    kept = zip(series.runs, series.quantities, series.trend.wild, strict=True)
-    runs = [(run, one) for run, one, is_wild in kept if not is_wild]
+    last = max(np.flatnonzero(~series.trend.wild), default=-1)
+    kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
+    runs = [(run, one) for k, (run, one, is_wild) in kept if not is_wild or k > last]
     standings = [series.limit.standing(one.value, one.u) for _, one in runs]
     bound = _deciding(series.limit, standings[-1])
     against = [Limit(fail=bound).standing(one.value, one.u) for _, one in runs]

@@ -45,9 +45,11 @@ def remarks(history: History) -> list[str]:
             if is_wild:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
     named = list(wild.items())[:_MOST_NAMED]
-    lines += [f"run {plain(name)} is a wild run, and is left out of {_listed(of)}" for name, of in named]
+    lines += [
+        f"run {plain(name)} is a wild run: changes are looked for without it in {_listed(of)}" for name, of in named
+    ]
     if len(wild) > _MOST_NAMED:
-        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are left out of their series")
+        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are left out where changes are looked for")
     return lines
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from analysis.frames import Tabular
-from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.evaluate import Evaluated
@@ -162,7 +162,7 @@ def reversals_of_rig(rig: Rig) -> tuple[JointReversal, ...]:
     Raises FileError where the rig file has no circle or the robot cannot drive it.
     """
     circle = circle_of(rig)
-    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), rig.name)
+    turns = reversals(circle, arm_of(rig.robot), rig.name)
     names = [axis.name for axis in rig.robot.axes]
     return tuple(
         JointReversal(turn.axis, names[turn.axis - 1], float(np.degrees(turn.phi)), turn.upper)

@@ -109,9 +109,11 @@ def noise_beneath(values: Array, step: float) -> float:
 def _grouped_median(values: Array, step: float) -> float:
     """Return the median of sizes (n,) that were rounded to `step`, as if those of one group were evenly distributed in
     it."""
-    counts = np.bincount(np.rint(values / step).astype(np.int64))
-    bounds = np.concatenate([[0.0], (np.arange(len(counts)) + 0.5) * step])
-    return float(np.interp(len(values) / 2, np.concatenate([[0], np.cumsum(counts)]), bounds))
+    groups, middle = np.rint(values / step), (len(values) - 1) // 2
+    group = np.partition(groups, middle)[middle]
+    share = (len(values) / 2 - np.sum(groups < group)) / np.sum(groups == group)
+    low, high = max(group - 0.5, 0.0), group + 0.5
+    return float((low + share * (high - low)) * step)
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:

@@ -84,8 +84,7 @@ def eccentric(rig: Rig) -> Rig:
 def reversal_rows(rig: Rig) -> Iterator[Row]:
     """Table 1, from the set-up alone; no effect touches it."""
     names = [axis.name for axis in rig.robot.axes]
-    arm, posture = arm_of(rig.robot), np.radians(circle_of(rig).posture_deg)
-    found = reversals(frame_of(circle_of(rig)), arm, posture, rig.name)
+    found = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
         turns = [turn for turn in found if turn.axis == axis]
         theirs = paper.REVERSALS_DEG.get(name, ())
@@ -112,9 +111,8 @@ def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
     """How far the residual jumps after each reversal, by plays alone: with them less without them."""
     sense = 1.0 if direction == "acw" else -1.0
     without = circle(rig, "yaw", direction, _without_play(rig.effects))
-    arm, posture = arm_of(rig.robot), np.radians(circle_of(rig).posture_deg)
     jumps = {}
-    for turn in reversals(frame_of(circle_of(rig)), arm, posture, rig.name):
+    for turn in reversals(circle_of(rig), arm_of(rig.robot), rig.name):
         at = float(np.degrees(turn.phi))
         by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
         jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play

@@ -41,7 +41,7 @@ class Stand:
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
-    stands = []
+    stands, q = [], _without_single_wild(q)
     for begin, end in standing(t_s, q, _STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
@@ -51,14 +51,28 @@ def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
 
 def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
     """Return the rows [begin, end) of each period in which no joint moves by still_rad or more within window_s: times
-    t_s (n,) s, reported angles q (n, 6) rad."""
+    t_s (n,) s, reported angles q (n, 6) rad. Periods do not overlap."""
     rows = np.arange(len(t_s))
     ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
     # A robot that turns back without a stop is where it was, but not in between.
     moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
     still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    return [(begin, int(ahead[last - 1]) + 1) for begin, last in edges.reshape(-1, 2).tolist()]
+    found: list[tuple[int, int]] = []
+    for begin, last in edges.reshape(-1, 2).tolist():
+        end = int(ahead[last - 1]) + 1
+        if found and begin < found[-1][1]:
+            found[-1] = (found[-1][0], end)
+        else:
+            found.append((begin, end))
+    return found
+
+
+def _without_single_wild(q: Array) -> Array:
+    """Angles (n, 6) rad with each the median of itself and its neighbours, which leaves a motion as it is."""
+    padded = np.concatenate([q[:1], q, q[-1:]])
+    filtered: Array = np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0)
+    return filtered
 
 
 def _settled(begin: int, end: int) -> slice:

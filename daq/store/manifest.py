@@ -45,6 +45,7 @@ from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
+"""Written when a run begins, and again when it ends."""
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """The fields that follow from the ledger, in a run of version 2."""
 _LONGEST_OPERATOR = 200
@@ -253,6 +254,12 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
         )
     except ValidationError as error:
         raise FileError(f"run {name!r}", first_error(error), "choose other names") from None
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a directory is a run, however damaged: one without a manifest may have its ledger. Raises OSError
+    where it may not be entered."""
+    return (path / MANIFEST).exists() or (path / LEDGER).exists()
 
 
 def load_manifest(run: Path) -> Manifest:

@@ -17,7 +17,8 @@ from datetime import datetime
 from pathlib import Path
 
 from daq.store import durable
-from daq.store.manifest import MANIFEST, Manifest, load_manifest
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST, Manifest, is_run, load_manifest
 from daq.store.marks import Marks, load_marks
 from rigs.errors import FileError
 from rigs.schema.recording_rules import Retention
@@ -68,7 +69,7 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
         raise FileError(str(runs), error.strerror or str(error), "give the directory that holds the runs") from None
     for path in entries:
         try:
-            if not _is_run(path):
+            if path.name.startswith(".") or path.is_symlink() or not is_run(path):
                 continue
             seen = look(path)
         except FileNotFoundError:  # deleted or moved away meanwhile
@@ -79,14 +80,10 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
         yield seen
 
 
-def _is_run(path: Path) -> bool:
-    return path.is_dir() and not path.is_symlink() and not path.name.startswith(".") and (path / MANIFEST).exists()
-
-
 def look(run: Path) -> RunInfo:
     """Return what is known of one run from its directory. Raises FileNotFoundError if it is gone."""
     size = sum(map(_size, run.iterdir()))
-    changed_s = (run / MANIFEST).stat().st_mtime
+    changed_s = (run / (MANIFEST if (run / MANIFEST).exists() else LEDGER)).stat().st_mtime
     try:
         manifest, marks = load_manifest(run), load_marks(run)
         ended_s = datetime.fromisoformat(manifest.ended or manifest.started).timestamp()

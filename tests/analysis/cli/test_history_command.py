@@ -48,7 +48,9 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_pat
     page = tmp_path / "page.html"
     shown = " ".join(ran("history", "ur10e", "--data", runs, "-o", page).split())
     assert re.search(r"Play of axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
-    assert "1 run has no figures and is left out: odd: its manifest or marks cannot be read" in shown
+    assert (
+        "1 run has no figures and is left out: odd: its manifest is missing, or it or the marks cannot be read" in shown
+    )
     html = page.read_text()
     assert html.count("<svg") >= 5 and "Play of axis 3 rose" in html
     assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html)), "needs no other file"

@@ -160,15 +160,30 @@ def test_a_part_of_a_lap_tells_nothing_of_the_order_of_the_gauges() -> None:
     assert doubts_of_order(read(half, "yaw", rig()), rig()) == []
 
 
+def repeated(rows: Rows, passes: int, at_once: int) -> Rows:
+    """All poses driven several times, and each measured several times at once."""
+    return {name: [cell for cell in cells for _ in range(at_once)] * passes for name, cells in rows.items()}
+
+
+REPEATS = [(1, 1), (2, 1), (3, 1), (4, 1), (5, 1), (6, 1), (1, 5), (2, 5)]
+
+
+@pytest.mark.parametrize(("passes", "at_once"), REPEATS)
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inches")])
-def test_tracker_places_in_another_unit(factor: float, unit: str) -> None:
+def test_tracker_places_in_another_unit(factor: float, unit: str, passes: int, at_once: int) -> None:
+    rows = changed("pose", dict.fromkeys(("x_mm", "y_mm", "z_mm"), factor))
     with pytest.raises(FileError, match=f"x_mm, y_mm, z_mm are in {unit}"):
-        check(changed("pose", dict.fromkeys(("x_mm", "y_mm", "z_mm"), factor)), "pose")
+        check(repeated(rows, passes, at_once), "pose")
 
 
-def test_tracker_angles_in_radians() -> None:
+@pytest.mark.parametrize(("passes", "at_once"), REPEATS)
+def test_tracker_angles_and_joints_in_radians(passes: int, at_once: int) -> None:
+    rows = changed("pose", dict.fromkeys(("rx_deg", "ry_deg", "rz_deg"), RAD))
     with pytest.raises(FileError, match="rx_deg, ry_deg, rz_deg are radians"):
-        check(changed("pose", dict.fromkeys(("rx_deg", "ry_deg", "rz_deg"), RAD)), "pose")
+        check(repeated(rows, passes, at_once), "pose")
+    with pytest.raises(FileError, match="q1_deg … q6_deg are radians"):
+        check(repeated(changed("pose", dict.fromkeys(JOINTS, RAD)), passes, at_once), "pose")
+    check(repeated(plain("pose"), passes, at_once), "pose")
 
 
 def test_tracker_angles_about_moving_axes() -> None:

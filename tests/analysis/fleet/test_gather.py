@@ -118,10 +118,14 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     assert [name for name, _ in healthy.without_figures] == [cut.name, unsealed.name]
     assert "changed since it was recorded" in healthy.without_figures[0][1]
     assert "cut off" in healthy.without_figures[1][1]
-    assert found.strays == ((str(unreadable.relative_to(plant)), "its manifest or marks cannot be read"),)
+    assert found.strays == (
+        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+    )
     assert gathered(plant, file).robots == found.robots
     (unreadable / "manifest.json").unlink()
-    assert gathered(plant, file).strays == ((str(unreadable.relative_to(plant)), "it has no manifest"),)
+    assert gathered(plant, file).strays == (
+        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+    )
     shutil.copytree(runs_of(plant, 1)[5], unsealed, dirs_exist_ok=True)
     mended = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
     assert [name for name, _ in mended.without_figures] == [cut.name] and mended.copies == 1

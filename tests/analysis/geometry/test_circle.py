@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.feasible import feasible_tests
 from analysis.geometry.programs import circle_laps, circle_of, circle_program, lap
 from analysis.kinematics.arm import arm_of, forward
 from analysis.simulation.emulated_robot import trace
@@ -40,13 +41,27 @@ def test_a_program_at_any_moment_is_what_its_controller_drives(name: str, direct
 def test_reversals_of_the_papers_table_1() -> None:
     rig, _ = load("paper-fanuc")
     circle = circle_of(rig)
-    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), "paper-fanuc")
+    turns = reversals(circle, arm_of(rig.robot), "paper-fanuc")
     paper = {(1, True): 105, (1, False): 237, (2, True): 3, (2, False): 182, (3, True): 351, (3, False): 169}
     paper |= {(5, True): 0, (5, False): 190, (6, True): 82, (6, False): 290}
     assert {(turn.axis, turn.upper) for turn in turns} == set(paper)
     for turn in turns:
         off = (np.degrees(turn.phi) - paper[turn.axis, turn.upper] + 180) % 360 - 180
         assert abs(off) < 1.5
+
+
+def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_just_fits() -> None:
+    """Only what a program drives must lie within the limits; the wrist turns by 400° of the 440° that are looked at."""
+    rig, _ = load("ur10e")
+    posture = (-5.5, -68.6, 91.5, 59.1, 83.6, 325.4)
+    circle = circle_of(rig).model_copy(update={"start_deg": 120.0, "posture_deg": posture})
+    turned = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
+    assert np.degrees(np.ptp(circle_program(turned, "acw").q[:, 5])) > 360
+    turns = reversals(circle, arm_of(rig.robot), "ur10e")
+    usual = reversals(circle_of(rig), arm_of(rig.robot), "ur10e")
+    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
+    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
+    assert len(feasible_tests(turned)) > 1
 
 
 def test_a_joint_limit_on_the_way_is_told() -> None:

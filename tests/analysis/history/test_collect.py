@@ -105,6 +105,16 @@ def test_broken_runs_are_named_and_not_fatal(runs: Path) -> None:
     assert all(run.problem for run in found.broken)
 
 
+def test_a_run_that_lost_its_manifest_is_named(runs: Path) -> None:
+    (runs / "000-acw" / "manifest.json").unlink()
+    (runs / "deeper").mkdir()
+    shutil.move(runs / "001-acw", runs / "deeper")
+    (runs / "deeper" / "001-acw" / "manifest.json").unlink()
+    found = collect(runs, "ur10e", silent)
+    assert [run.name for run in found.broken] == ["000-acw", "deeper/001-acw"]
+    assert all("its manifest is missing" in run.problem for run in found.broken)
+
+
 def test_a_copy_counts_once(runs: Path) -> None:
     shutil.copytree(runs / "000-acw", runs / "copied")
     found = collect(runs, "ur10e", silent)

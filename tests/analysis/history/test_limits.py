@@ -70,11 +70,18 @@ def test_an_unknown_uncertainty_proves_nothing() -> None:
     assert judged_words([0.005, 0.5], float("nan"))[0] == "watch 0.01 since 2026-05-01"
 
 
-def test_a_wild_run_does_not_cross() -> None:
-    runs = runs_of([0.005, 0.005, 0.5])
-    trend = Trend((), np.array([False, False, True]), 0.0)
+def test_a_wild_run_does_not_cross_where_later_ones_contradict_it() -> None:
+    runs = runs_of([0.005, 0.5, 0.005])
+    trend = Trend((), np.array([False, True, False]), 0.0)
     judged = judge(Series("yaw acw", "range_deg", tuple(runs), trend, Limit(fail=0.02)))
     assert judged is not None and judged.standing == "pass" and not judged.beyond and judged.count == 2
+
+
+@pytest.mark.parametrize("last", [1, 2, 3, 5])
+def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(last: int) -> None:
+    table, lines = judged_words([*[0.005] * 20, *[0.5] * last])
+    assert table == "beyond 0.02 since 2026-05-21"
+    assert "beyond its limit of 0.02 ° since 21 May 2026 (run lap-21)" in lines[0]
 
 
 @pytest.mark.parametrize("given", [None, Limits()])

@@ -260,7 +260,7 @@ def _between(upper: float, lower: float) -> np.ndarray:
 def test_turns_of_the_simulated_lap_are_those_of_the_nominal_path() -> None:
     table, rig = _table()
     circle = circle_of(rig)
-    nominal = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), "t")
+    nominal = reversals(circle, arm_of(rig.robot), "t")
     both = beside(turns(laps_of(table, rig, "t")), nominal)
     assert len(both) == 10
     for reversal, turn in both:

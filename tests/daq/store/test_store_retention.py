@@ -122,17 +122,19 @@ def test_only_a_whole_exported_run_that_is_not_kept_may_go(tmp_path: Path) -> No
     crashed = Path(shutil.copytree(writer.path, runs / "crashed"))
     torn = _exported(runs)
     (torn / "manifest.json").write_text("{")
+    lost = _exported(runs)
+    (lost / "manifest.json").unlink()
     unrecovered = _exported(runs)
     (unrecovered / "g1-0001.arrow").write_bytes(b"")
     (runs / "notes").mkdir()
     (runs / "notes" / "read me.txt").write_text("no run")
     (runs / "link").symlink_to(exported)
     found = {info.path: info for info in survey(runs)}
-    assert set(found) == {plain, exported, kept, writer.path, crashed, torn, unrecovered}
+    assert set(found) == {plain, exported, kept, writer.path, crashed, torn, lost, unrecovered}
     assert [path for path, info in found.items() if info.may_go] == [exported]
     assert found[writer.path].status == "recording" and found[crashed].status == "crashed"
-    assert found[torn].status == "damaged" and found[unrecovered].status == "crashed"
-    assert [delete(path) for path in found if path != exported] == [False] * 6
+    assert found[torn].status == found[lost].status == "damaged" and found[unrecovered].status == "crashed"
+    assert [delete(path) for path in found if path != exported] == [False] * 7
     assert all(path.exists() for path in found) and delete(exported) and not exported.exists()
     writer.close("complete", "", {})
 
