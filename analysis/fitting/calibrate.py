@@ -10,9 +10,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from analysis.fitting.calibration import Calibration, SetUpNoise
+from analysis.fitting.calibration_doubts import doubts_of_readings, doubts_of_sizes
 from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.estimate import Fit, FreeParameter, fit, sizes
 from analysis.fitting.held_out import held_out_setups, pose_setup, with_enough_to_judge
@@ -22,7 +21,7 @@ from analysis.fitting.identifiability import (
     parameter_label,
     weak_parameters,
 )
-from analysis.fitting.joint_coverage import JointRange, joints_covered, outside_coverage
+from analysis.fitting.joint_coverage import joints_covered
 from analysis.fitting.observation import Observation, residuals_of, rms
 from analysis.fitting.placements import observe_runs, split_by_frame, with_enough_readings
 from analysis.fitting.run_noise import repeats_of
@@ -130,7 +129,12 @@ def calibrate(
         identified_combinations=identified_combinations(answer),
         weak_parameters=weak_parameters(answer, names),
         covered=covered,
-        doubts=(*too_few, *unjudged, *_doubts(observations, left_out, weighting, covered)),
+        doubts=(
+            *doubts_of_sizes(after),
+            *too_few,
+            *unjudged,
+            *doubts_of_readings(observations, left_out, weighting, covered),
+        ),
         before_mm=(_sound_rms(before, observations, weighting), _judged(before, observations, left_out)),
         after_mm=(_sound_rms(after, observations, weighting), _judged(after, observations, left_out)),
     )
@@ -153,26 +157,6 @@ def _noise_of(observations: Sequence[Observation], weighting: Weighting, after: 
     repeats = repeats_of(observations, after.residuals)
     sd_mm = {one.setup: noise for one, noise in zip(observations, weighting.noise_mm, strict=True)}
     return {setup: SetUpNoise(noise, repeats.get(setup)) for setup, noise in sd_mm.items()}
-
-
-def _doubts(
-    observations: Sequence[Observation],
-    left_out: Sequence[Observation],
-    weighting: Weighting,
-    covered: Sequence[JointRange],
-) -> list[str]:
-    """Return what a person should know before the result is used."""
-    wild: dict[str, tuple[int, int]] = {}
-    for one, count in zip(observations, weighting.wild, strict=True):
-        left, whole = wild.get(one.setup, (0, 0))
-        wild[one.setup] = left + count, whole + len(one.rows)
-    found = [
-        f"{setup}: {count} of {whole} readings are wild and left out" for setup, (count, whole) in wild.items() if count
-    ]
-    if left_out:
-        judged = np.concatenate([one.table.q[one.rows] for one in left_out])
-        found += outside_coverage(covered, judged, "the model")
-    return found
 
 
 def _converged(

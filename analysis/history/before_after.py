@@ -99,6 +99,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     _hold_apart(after, before)
     known = _known(Path(run).parent for run in (*before, *after))
     now, then = ([_record(run, known) for run in side] for side in (after, before))
+    _refuse_copies([*before, *after], [*then, *now])
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         raise FileError(" and ".join(robots), "are different robots", "compare runs of one robot")
@@ -117,12 +118,15 @@ def _hold_apart(after: Sequence[Path], before: Sequence[Path]) -> None:
     both = {path.resolve() for path in after} & {path.resolve() for path in before}
     for path in sorted(both):
         raise FileError(str(path), "is on both sides", "give it before --against or after it")
-    known: dict[tuple[str, ...], Path] = {}
-    for path in (*before, *after):  # a copy repeats nothing: it would show no difference, or no spread
-        recording = load_manifest(path).recording
-        if first := known.get(recording):
-            raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
-        known[recording] = path
+
+
+def _refuse_copies(runs: Sequence[Path], records: Sequence[Record]) -> None:
+    """Raise FileError for a copy, which repeats nothing: it would show no difference, or no spread."""
+    known: dict[str, Path] = {}
+    for run, record in zip(runs, records, strict=True):
+        first = known.setdefault(record.readings, run)
+        if first is not run:
+            raise FileError(str(run), f"holds the same readings as {first}", "give each recording once")
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:

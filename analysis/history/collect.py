@@ -197,11 +197,11 @@ def _record(job: Job) -> Record:
 
 
 def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, Record]]]:
-    """Each run once, and copies of a directory with their originals."""
+    """Each run once, and copies with their originals, also where a copy was relabelled or a table imported again."""
     first: dict[str, Record] = {}
     copies = []
     for record in records:
-        original = first.setdefault(record.fingerprint, record)
+        original = first.setdefault(record.readings, record)
         if original is not record:
             copies.append((record, original))
     return list(first.values()), copies

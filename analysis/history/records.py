@@ -6,7 +6,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -35,7 +35,8 @@ _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 @dataclass(frozen=True)
 class Record:
     """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
-    problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file."""
+    problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file. readings: the
+    digest of what was measured, empty where nothing could be read."""
 
     name: str
     fingerprint: str
@@ -47,6 +48,7 @@ class Record:
     program: str = ""
     problem: str = ""
     figures: dict[str, Quantity] = field(default_factory=dict)
+    readings: str = ""
 
     @property
     def title(self) -> str:
@@ -76,13 +78,14 @@ def fingerprint_of(run: Path) -> str:
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
     """Evaluate a run by itself, so that its record does not depend on the other runs; never raises for a bad run."""
-    program, problem = "", ""
+    program, problem, readings = "", "", ""
     figures: dict[str, Quantity] = {}
     try:
         datetime.fromisoformat(manifest.started)
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
             measured = load_measured(path)
+            readings = measured.run.readings_sha256
             program = _program(measured.rig, manifest.test)
             result = result_of(measured)
             figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
@@ -90,7 +93,8 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
         problem = error.what
     except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:
         problem = f"the computation failed: {error}"
-    return _plain_record(path, manifest, fingerprint, program, problem, figures)
+    plain = _plain_record(path, manifest, fingerprint, program, problem, figures)
+    return replace(plain, readings=readings)
 
 
 def record_without_figures(run: RunInfo, problem: str) -> Record:

@@ -110,10 +110,10 @@ def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
     """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
     again."""
-    once: dict[tuple[str, ...], Result] = {}
+    once: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
-        first = once.setdefault(run.measured.run.manifest.recording, run)
+        first = once.setdefault(run.measured.run.readings_sha256, run)
         if first is not run:
             copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
     single = list(once.values())

@@ -69,11 +69,11 @@ def refuse_copies(runs: Sequence[Measured]) -> None:
 
     A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
     """
-    known: dict[tuple[str, ...], Measured] = {}
+    known: dict[str, Measured] = {}
     for run in runs:
-        if first := known.get(run.run.manifest.recording):
+        if first := known.get(run.run.readings_sha256):
             raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
-        known[run.run.manifest.recording] = run
+        known[run.run.readings_sha256] = run
 
 
 def measured_of(run: Run) -> Measured:

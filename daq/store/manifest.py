@@ -160,11 +160,6 @@ class Manifest(Record):
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
-    @property
-    def recording(self) -> tuple[str, ...]:
-        """What was recorded, as the SHA-256 of each chunk: copies of a run have the same."""
-        return tuple(chunk.sha256 for chunk in self.chunks)
-
     def wall_ns(self, monotonic_ns: int) -> int:
         """Return what the wall clock showed at a stamp, in ns since 1970."""
         after = [anchor for anchor in self.anchors if anchor.monotonic_ns <= monotonic_ns]

@@ -7,6 +7,7 @@ and its row count before a value of it is handed on.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,17 @@ class Run:
     streams: dict[str, dict[str, np.ndarray[Any, Any]]]
     faults: list[dict[str, Any]]
     table: pa.Table | None = None
+
+    @cached_property
+    def readings_sha256(self) -> str:
+        """What was measured, as a digest: copies of a run have the same, and so have runs into which one table was
+        imported twice, whose files differ by the run's name and time."""
+        if self.table is None:
+            return sha256("".join(chunk.sha256 for chunk in self.manifest.chunks).encode())
+        plain, rows = self.table.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()
+        with pa.ipc.new_stream(rows, plain.schema) as stream:
+            stream.write_table(plain)
+        return sha256(rows.getvalue().to_pybytes())
 
 
 def read_run(path: Path) -> Run:

@@ -18,6 +18,7 @@ from rigs.effects import (
     Effect,
     JointOffset,
     ReversalSpike,
+    ThermalGrowth,
     TransmissionError,
     healthy_size,
     size_field,
@@ -56,6 +57,22 @@ def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str,
     off = getattr(fitted.effect, field) - getattr(truth, field)
     assert abs(off) < 4 * fitted.sd[field] and abs(off) < 0.1 * abs(getattr(truth, field))
     assert found.after_mm[0] < 0.2 * found.before_mm[0]
+
+
+def test_a_size_that_ends_at_the_bound_of_a_rig_file_is_reported() -> None:
+    """With a time constant of 600 s nothing a rig file allows grows as fast as 300 ppm with 60 s."""
+    truth = ThermalGrowth(ppm=300, time_constant_s=60)
+    found = calibrate(RIG, _observed((truth,), 1), [], "thermal_growth")
+    assert found.doubts[0].startswith("thermal_growth ends at the limit of a rig file, 2000 ppm: the robot may err by")
+    within = calibrate(RIG, _observed((JointOffset(axis=5, offset_deg=-0.1),), 1, ("radial",)), [], "joint_offset:5")
+    assert not any("limit of a rig file" in doubt for doubt in within.doubts)
+
+
+def test_a_shape_that_nobody_gave_is_reported_as_held() -> None:
+    found = calibrate(RIG, _observed((ReversalSpike(axis=1, amplitude_deg=-0.03),), 1), [], "reversal_spike:1")
+    assert any(doubt.startswith("reversal_spike 1: its decay_s was held at 0.3") for doubt in found.doubts)
+    given = calibrate(RIG, _observed((Backlash(axis=1, width_deg=0.02),), 1), [], "backlash:1")
+    assert not any("was held" in doubt for doubt in given.doubts)
 
 
 def test_a_ball_far_from_its_place_is_no_effect() -> None:

@@ -9,12 +9,15 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from analysis.cli import app
 from analysis.history import collect as module
 from analysis.history.collect import collect
 from analysis.history.history_file import FILE
 from analysis.history.records import Record, record_of
-from daq.store import Manifest
+from analysis.traces.loading import load_measured, refuse_copies
+from daq.store import Manifest, relabel
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 
@@ -119,6 +122,24 @@ def test_a_copy_counts_once(runs: Path) -> None:
     shutil.copytree(runs / "000-acw", runs / "copied")
     found = collect(runs, "ur10e", silent)
     assert len(found.runs) == 3 and any("copied is a copy of 000-acw" in note for note in found.notes)
+    relabel(runs / "copied", operator="Ann")
+    found = collect(runs, "ur10e", silent)
+    assert len(found.runs) == 3 and any("copied is a copy of 000-acw" in note for note in found.notes)
+
+
+def test_a_table_that_was_imported_twice_counts_once(runs: Path) -> None:
+    lap = runs.parent / "lap.csv"
+    assert CliRunner().invoke(app, ["export", str(runs / "000-acw"), "--to", "csv", "-o", str(lap)]).exit_code == 0
+    for name in ("one", "two"):
+        words = ["import", str(lap), "--rig", "ur10e", "--test", "yaw", "-o", str(runs / name)]
+        assert CliRunner().invoke(app, words).exit_code == 0
+    found = collect(runs, "ur10e", silent)
+    assert len(found.runs) == 3
+    for name in ("one", "two"):
+        assert f"{name} is a copy of 000-acw and is left out" in found.notes
+    one, two = (load_measured(runs / name) for name in ("one", "two"))
+    with pytest.raises(FileError, match=r"two: holds the same readings as .*one"):
+        refuse_copies([one, two])
 
 
 def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs: Path) -> None:

@@ -192,8 +192,8 @@ def circle_result(table: CircleTable, u_lag_s: float) -> Result:
     """Everything that is reported of the table, as if it had been read from a run."""
     name = f"{table.test}-{table.direction}"
     recording = (sha256(table.g_mm.tobytes()).hexdigest(),)
-    manifest = SimpleNamespace(name=name, test=table.test, direction=table.direction, recording=recording)
-    run: Any = SimpleNamespace(manifest=manifest)
+    manifest = SimpleNamespace(name=name, test=table.test, direction=table.direction)
+    run: Any = SimpleNamespace(manifest=manifest, readings_sha256=recording)
     return result_of(Measured(Path(name), run, cell_rig()[0], table, u_lag_s, ()))
 
 
