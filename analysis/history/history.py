@@ -13,7 +13,7 @@ from analysis.history.collect import Collected
 from analysis.history.records import Record
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
-from analysis.reporting.labels import label
+from analysis.reporting.labels import whole_label
 from rigs.errors import FileError, UseError
 from rigs.schema.limits import Limit, Limits
 
@@ -84,7 +84,7 @@ def label_of(figure: str) -> str:
     for prefix, words in _OF_AN_AXIS.items():
         if figure.startswith(prefix):
             return f"{words} of axis {figure[len(prefix)]}"
-    return label(figure).strip()
+    return whole_label(figure)
 
 
 def history_of(

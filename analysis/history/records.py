@@ -57,9 +57,9 @@ class Record:
 
     @property
     def when(self) -> datetime:
-        """When the run began, in the zone that its manifest gives, UTC without one. Raises ValueError."""
+        """When the run began, in this computer's time zone, as its days are counted. Raises ValueError."""
         when = datetime.fromisoformat(self.started)
-        return when if when.tzinfo else when.replace(tzinfo=UTC)
+        return (when if when.tzinfo else when.replace(tzinfo=UTC)).astimezone()
 
 
 def fingerprint_of(run: Path) -> str:

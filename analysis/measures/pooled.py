@@ -19,6 +19,7 @@ from analysis.measures.quantity import PLACE, Quantity, half_turns, is_around_ci
 from analysis.measures.radial import RadialResult
 from analysis.measures.results import Result
 from analysis.noise.cell import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG, least_known
+from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 
 ONE_RUN = (
@@ -31,6 +32,9 @@ _SPREADS = 5.0
 runs, which the scatter of joints makes too, was mounted again; …"""
 _TWO_MM = 0.35
 """… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
+_SAME_POSE_RAD = math.radians(1.0)
+"""Joints nearer to one another are at the same pose of a table. Chosen: far above what joints differ by from run to
+run, and far below the way between two poses."""
 _ANYWHERE_DEG = 180.0 / math.sqrt(3)
 """Standard uncertainty of a place that may be anywhere around the circle."""
 
@@ -108,8 +112,8 @@ def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
-    again."""
+    """The runs that belong together, and the others, each with the reason: readings given twice, other poses, and balls
+    mounted again."""
     once: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -117,6 +121,10 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
         if first is not run:
             copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
     single = list(once.values())
+    if other := [run for run in single if not _are_same_poses(single[0], run)]:
+        why = f"its poses are not those of {single[0].measured.path}: left out of the mean"
+        copies += [(run, why) for run in other]
+        single = [run for run in single if run not in other]
     balls = [ball for ball in map(_ball_mm, single) if ball is not None]
     if len(balls) < max(2, len(single)):
         return single, copies
@@ -134,6 +142,14 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
         if far > limit
     ]
     return near, [*copies, *others]
+
+
+def _are_same_poses(first: Result, run: Result) -> bool:
+    """Whether a pose run has the poses of another; of other tests the set-up decides."""
+    one, other = first.measured.table, run.measured.table
+    if not (isinstance(one, PoseTable) and isinstance(other, PoseTable)):
+        return True
+    return one.q.shape == other.q.shape and float(np.abs(one.q - other.q).max()) < _SAME_POSE_RAD
 
 
 def _ball_mm(run: Result) -> Array | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm"})
 """Printed bold: what the paper reports."""
@@ -27,8 +27,8 @@ _LABELS = {
     "hysteresis_mean_deg": "hysteresis, mean",
     "hysteresis_max_deg": "hysteresis, largest",
     "hysteresis_max_at_deg": "  at φ",
-    "hysteresis_mean_mm": "of the distance, mean",
-    "hysteresis_max_mm": "of the distance, H",
+    "hysteresis_mean_mm": "hysteresis of the distance, mean",
+    "hysteresis_max_mm": "hysteresis of the distance, H",
     "radius_mm": "least-squares sphere, radius",
     "centre_x_mm": "  centre x from the ball",
     "centre_y_mm": "  centre y from the ball",
@@ -73,5 +73,16 @@ def in_order(names: Iterable[str]) -> list[str]:
 
 
 def label(name: str) -> str:
-    """The label of a figure; its name where none was given."""
+    """The label of a figure in a table, indented below the line of which it is a detail; its name where none was
+    given."""
     return _LABELS.get(name, name)
+
+
+def whole_label(name: str, label: Callable[[str], str] = label) -> str:
+    """The label of a figure by itself: a detail after what it is a detail of, as `position error, largest`."""
+    own, above = label(name).strip(), ""
+    for other, text in _LABELS.items():
+        above = above if text.startswith(" ") else other
+        if other == name:
+            break
+    return f"{label(above).partition(', ')[0]}, {own}" if label(name).startswith(" ") else own

@@ -10,7 +10,7 @@ from analysis.measures.link_angle import CircleResult
 from analysis.measures.pooled import ONE_RUN, Pairs, Pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
-from analysis.reporting.labels import in_order, label
+from analysis.reporting.labels import in_order, whole_label
 
 
 def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
@@ -32,7 +32,7 @@ def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
         return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
     lines = list(both.refused)
     if both.lag is not None:
-        figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
+        figures = "; ".join(f"{whole_label(name)} {both.figures[name]}" for name in in_order(both.figures))
         count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
         lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag, _rate(both))]
     return lines

@@ -11,6 +11,7 @@ import yaml
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
+from analysis.reporting.labels import whole_label
 from analysis.reporting.page.columns import columns_of
 from analysis.reporting.page.texts import Texts
 from rigs.schema.limits import COVERAGE, Limit, Limits, Standing
@@ -45,7 +46,7 @@ class Judged:
     def named(self, texts: Texts) -> str:
         """What the figure is of, and its label."""
         of = texts(f"test_{self.test}") + (f" {self.title}" if self.title else "")
-        return f"{of}: {texts.label(self.name).strip()}"
+        return f"{of}: {whole_label(self.name, texts.label)}"
 
     @property
     def excess(self) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+import time
+from dataclasses import replace
+from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -82,6 +84,19 @@ def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(l
     table, lines = judged_words([*[0.005] * 20, *[0.5] * last])
     assert table == "beyond 0.02 since 2026-05-21"
     assert "beyond its limit of 0.02 ° since 21 May 2026 (run lap-21)" in lines[0]
+
+
+def test_days_are_those_of_the_computers_time_zone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Six in the morning of 21 May in Tokyo is 20 May in UTC, in which runs are stored."""
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    try:
+        run = replace(runs_of([0.5])[0], started="2026-05-20T21:00:00+00:00")
+        assert run.when.date().isoformat() == "2026-05-21"
+        assert len(history_of(collected([run], LIMITS), since=date(2026, 5, 21)).series) == 1
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 @pytest.mark.parametrize("given", [None, Limits()])

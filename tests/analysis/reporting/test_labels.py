@@ -1,6 +1,11 @@
 """Rows of a report: every figure has a label, and details stand under the line that they belong to."""
 
-from analysis.reporting.labels import in_order, label
+from analysis.reporting.labels import (
+    _LABELS,  # private: every figure that has a label
+    in_order,
+    label,
+    whole_label,
+)
 
 
 def test_details_stand_under_their_line_and_none_is_lost() -> None:
@@ -24,3 +29,12 @@ def test_details_stand_under_their_line_and_none_is_lost() -> None:
 def test_turns_have_labels() -> None:
     for name in (f"{what}_{axis}_deg" for what in ("ap", "rp") for axis in "abc"):
         assert label(name) != name
+
+
+def test_a_figure_by_itself_says_of_what_it_is_a_detail() -> None:
+    assert whole_label("bi_mean_mm") == "bi-directional range, mean over targets"
+    assert whole_label("uni_mean_mm") == "uni-directional range, mean over targets"
+    assert whole_label("rp_mean_mm") == "repeatability RP (ISO 9283), mean"
+    assert whole_label("mean_mm") == "position error, mean" and whole_label("rms_mm") == "position error, rms"
+    assert whole_label("play_2") == "play_2"
+    assert len({whole_label(name) for name in _LABELS}) == len(_LABELS)

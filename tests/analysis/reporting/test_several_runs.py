@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.cli import app
+from analysis.kinematics.arm import arm_of, forward
+from analysis.measures.pooled import pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.run_object import as_object
 from analysis.reporting.run_report import as_tables
@@ -42,6 +44,26 @@ def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], widt
         assert all(str(figure) in shown.get() for figure in result.figures.values())
     heads = [line for line in shown.get().splitlines() if "┃" in line]
     assert max(line.count("yaw acw") + line.count("yaw cw") for line in heads) == abreast
+
+
+def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
+    """60 poses once and ten of them five times are two programs, however alike their tests are named."""
+    rng = np.random.default_rng(1)
+    q_deg = rng.uniform(-60, 60, (60, 6))
+    runs = []
+    for name, rows in (("many", q_deg), ("again", q_deg), ("few", np.tile(q_deg[:10], (5, 1)))):
+        places = forward(arm_of(RIG.robot), np.radians(rows))[:, :3, 3] + rng.normal(0, 0.02, (len(rows), 3))
+        table = tmp_path / f"{name}.csv"
+        names = [*(f"q{axis}_deg" for axis in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+        lines = [",".join(f"{value:.6f}" for value in row) for row in np.concatenate([rows, places], axis=1)]
+        table.write_text("\n".join([",".join(names), *lines]) + "\n")
+        words = ["import", str(table), "--rig", "ur10e", "--test", "pose", "-o", str(tmp_path / name)]
+        assert CliRunner().invoke(app, words).exit_code == 0
+        runs.append(tmp_path / name)
+    (together,) = pooled(evaluate_runs([load_run(run) for run in runs]))
+    assert [run.measured.path.name for run in together.runs] == ["many", "again"]
+    ((other, why),) = together.left_out
+    assert other.measured.path.name == "few" and "its poses are not those of" in why
 
 
 def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:

@@ -24,7 +24,7 @@ from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.target_charts import directions, interpolated, target_charts
 from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered, write_page
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
@@ -167,7 +167,7 @@ def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], 
     assert done.exit_code == 0, done.exception
     assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
     refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.pdf")])
-    assert isinstance(refused.exception, FileError) and "FILE.html" in str(refused.exception)
+    assert isinstance(refused.exception, UseError) and "FILE.html" in str(refused.exception)
 
 
 def test_diagnose_writes_the_same_page(runs: list[Path], tmp_path: Path) -> None:
