@@ -83,7 +83,8 @@ class Named:
     `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
     whether this exceeds the scatter of one run or the tolerance given, for a fault that runs and set-ups bear out.
     `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run shows
-    it beyond the scatter of one run. `shares` states how much of it each set-up shows.
+    it beyond the scatter of one run. `shares` states how much of it each set-up shows. `is_term` states whether it is
+    one of so many waves of a joint that they are the series of an error of another form.
     """
 
     effect: Effect
@@ -96,12 +97,14 @@ class Named:
     material: bool
     held_out_gain: float | None
     shares: tuple[Share, ...] = ()
+    is_term: bool = False
 
     @property
     def contradicted(self) -> bool:
-        """Whether two set-ups show clearly different shares of it, so that it imitates something else."""
-        if not self.shares:
-            return False
+        """Whether it imitates something else: two set-ups show clearly different shares of it, or it is one of a series
+        of waves."""
+        if self.is_term or not self.shares:
+            return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
         return most.value - least.value > max(_DIFFERS, _SURE * math.hypot(least.sd, most.sd))
 
@@ -271,7 +274,7 @@ class Diagnosis(Tabular):
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
-        """Those of which set-ups show different shares."""
+        """Those that imitate something else."""
         return tuple(one for one in self.effects if one.contradicted)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -29,6 +30,9 @@ _HEALTHY = 0.05
 _LIKELY = 0.2
 """Odds among rivals below which a name is not material: three names with the same response have a third each, so each
 of them stays above it."""
+_MOST_WAVES = 6
+"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
+of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
 _CERTAIN = ODDS / (1 + ODDS)
 """Odds among rivals below which a name is ambiguous."""
 
@@ -44,7 +48,11 @@ def named_effects(
     """Return the names of a search result. `gains` has the gain of each on held-out runs, and `limits` (b,) µm are the
     changes from which they are material."""
     effects = result.state.refined.effects
-    return [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
+    found = [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
+    waves = Counter(name_of(effect) for effect in effects)
+    return [
+        replace(one, material=False, is_term=True) if waves[name_of(one.effect)] > _MOST_WAVES else one for one in found
+    ]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:
@@ -113,7 +121,11 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
     seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
-    alike = [f"{label_of(one.effect)} resembles it, but {_shares_in_words(one)}" for one in imitating]
+    alike = [
+        f"{label_of(one.effect)} resembles it, but {_shares_in_words(one)}" for one in imitating if not one.is_term
+    ]
+    series = Counter(name_of(one.effect) for one in imitating if one.is_term)
+    alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
     return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
 
 

@@ -20,7 +20,7 @@ _SPEED_S = 0.35
 @dataclass(frozen=True)
 class JointReversal:
     """A joint (1 … 6) turned back at t_s; phi_rad: circle angle, nan off the circle; upper: from rising to falling;
-    acw, cw: the sense of the lap, 0 if it is unknown."""
+    sense: of the lap, 1 for acw, -1 for cw, 0 if it is unknown."""
 
     axis: int
     t_s: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 
 from rich.console import Group, RenderableType
@@ -82,9 +83,12 @@ def _where(found: Diagnosis) -> list[RenderableType]:
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
     beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if found.slight else []
-    if found.contradicted:
-        names = ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in found.contradicted)
+    if apart := [one for one in found.contradicted if not one.is_term]:
+        names = ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in apart)
         beside.append(Text(f"not the same at every place, so that something else looks like it: {names}", style="dim"))
+    for name, count in Counter(name_of(one.effect) for one in found.contradicted if one.is_term).items():
+        words = f"{count} waves of {name} describe an error of that joint, of another form than a gear's"
+        beside.append(Text(words, style="dim"))
     if not found.standing:
         return list(beside)
     times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")

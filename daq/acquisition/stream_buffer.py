@@ -1,7 +1,7 @@
 """The buffer between a reader and the recorder: what one stream has delivered and is not written yet.
 
-The reader only ever appends here; it waits for no disk and no other thread. Room is bounded, and items that
-find none are counted as a fault of its own kind.
+The reader only ever appends here; it waits for no disk and no other thread. Room is bounded. Samples that find
+none are counted as dropped, faults as one fault of their kind.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ class StreamBuffer:
     _items: deque[Item] = field(default_factory=deque)
     _waiting: int = 0
     """Samples and faults among them."""
-    _dropped: int = 0
+    _without_room: Counter[FaultKind] = field(default_factory=Counter)
+    """Samples, as dropped, and faults by their kind."""
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
@@ -81,8 +82,10 @@ class StreamBuffer:
                 if self._waiting + size <= _ROOM:
                     self._items.append(item)
                     self._waiting += size
+                elif isinstance(item, Fault):
+                    self._without_room[item.kind] += item.count
                 else:
-                    self._dropped += size
+                    self._without_room[FaultKind.DROPPED] += size
                     self._counters[FaultKind.DROPPED] += size
             newest = next((item for item in reversed(items) if not isinstance(item, Fault)), None)
             if newest is not None:
@@ -100,11 +103,11 @@ class StreamBuffer:
         with self._lock:
             taken, self._items = self._items, deque()
             self._waiting = 0
-            dropped, self._dropped = self._dropped, 0
-        items = packed(taken)
-        if dropped:
-            detail = f"{dropped} items found no room while the disk was behind"
-            items.append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, dropped))
+            lost, self._without_room = self._without_room, Counter()
+        items, now_ns = packed(taken), time.monotonic_ns()
+        for kind, count in lost.items():
+            what = "samples" if kind is FaultKind.DROPPED else "faults"
+            items.append(Fault(kind, now_ns, f"{count} {what} found no room while the disk was behind", count))
         return items
 
     def beat(self) -> None:

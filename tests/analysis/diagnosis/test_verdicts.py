@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from datetime import date
 
 import pytest
+from rich.console import Console
 
 from analysis.diagnosis import diagnose as verdicts
 from analysis.diagnosis import search as engine
+from analysis.diagnosis import verdict
 from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.diagnosis.linearisation import Linearisation
+from analysis.reporting.diagnosis_screen import as_screen
 from analysis.simulation.simulate import simulate
 from rigs.effects import (
     Backlash,
@@ -118,6 +122,20 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
     assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
     alone = found_in(circles(gear(0.006), seed=19))
     assert [one.shares for one in alone.standing] == [()]
+
+
+def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A series of waves describes any error of a joint, as of one that slips."""
+    monkeypatch.setattr(verdict, "_MOST_WAVES", 1)  # private: seven waves take minutes
+    waves = (TransmissionError(axis=1, order=order, amplitude_deg=0.006, phase_deg=-70) for order in (60, 100))
+    found = found_in(circles(tuple(waves), seed=19))
+    assert found.verdict == "outside_library" and not found.standing
+    assert [(name_of(one.effect), one.is_term) for one in found.contradicted] == [("transmission_error 1", True)] * 2
+    assert "2 waves of transmission_error 1 together resemble it" in found.remainder.words
+    screen = Console(width=120, file=io.StringIO())
+    with screen.capture() as shown:
+        screen.print(as_screen(found))
+    assert "2 waves of transmission_error 1 describe an error of that joint" in shown.get()
 
 
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:

@@ -92,6 +92,20 @@ def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
     assert buffer.state().counters == {"samples": 800, "dropped": 400} and buffer.state().last == {"g1_mm": 199.0}
 
 
+def test_faults_that_find_no_room_keep_their_kind_and_count(
+    buffer: StreamBuffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # private: the room is minutes of readings
+    monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 2)
+    buffer.deliver([Sample((float(k),), -1, k, k, 3) for k in range(3)])
+    buffer.deliver([Fault(FaultKind.GARBLED, 5, "noise", 7), Fault(FaultKind.GARBLED, 6, "noise", 2)])
+    found = faults_of(buffer.drain())
+    assert [(fault.kind, fault.count) for fault in found] == [(FaultKind.DROPPED, 1), (FaultKind.GARBLED, 9)]
+    assert all("no room while the disk was behind" in fault.detail for fault in found)
+    assert buffer.state().counters == {"samples": 3, "dropped": 1, "garbled": 9}
+    assert buffer.drain() == []
+
+
 def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
     used_s, now_s, paused = 0.0, 1000.0, []
