@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,14 +13,12 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
+from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
     from analysis.fleet.gather import Fleet
     from analysis.fleet.known import Progress
     from analysis.history.collect import Workers
-
-_SILENT_S, _STEP_S = 1.0, 0.1
-"""Nothing is shown of what takes no longer, and then a line so often."""
 
 
 @command(app, "rig fleet /srv/plant -o plant.html")
@@ -70,7 +66,7 @@ def fleet(
         table.refuse_foreign(parquet)
     if catalogue:
         kept.refuse_foreign(catalogue)
-    workers, progress = Workers(jobs, scheduler), _Progress()
+    workers, progress = Workers(jobs, scheduler), CountedProgress()
     with ExitStack() as until_written:
         file = catalogue or _own_catalogue(directory, until_written)
         try:
@@ -117,32 +113,3 @@ def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Wor
         for line in write_pages(found, output, workers, progress):
             say(f"warning: {line}", err=True)
         say(f"page: {output}", err=True)
-
-
-class _Progress:
-    """What is done of how much, on a terminal, once it takes longer than a second; after Ctrl-C how far it got.
-
-    Not `progress_of`: work goes on in forked processes, which must not inherit a display's thread and locks.
-    """
-
-    def __init__(self) -> None:
-        self._began_s = self._shown_s = time.monotonic()
-        self._last = ("", "")
-
-    def __call__(self, doing: str, done: int, total: int) -> None:
-        self._last = (doing, f"{done} of {total}")
-        now_s = time.monotonic()
-        if not sys.stderr.isatty() or now_s - self._began_s < _SILENT_S:
-            return
-        if done == total or now_s - self._shown_s >= _STEP_S:
-            self._shown_s = now_s
-            typer.echo(f"\r{doing}: {done} of {total}\x1b[K", err=True, nl=done == total)
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        doing, count = self._last
-        if kind is KeyboardInterrupt and doing:
-            start = "\r\x1b[K" if sys.stderr.isatty() else ""
-            say(f"interrupted while {doing}: {count} are kept, and the same command goes on", err=True, mark=start)

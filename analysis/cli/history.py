@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,12 +13,10 @@ from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
+from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
     from analysis.history.collect import Collected, Workers
-
-_SILENT_S = 1.0
-"""Nothing is shown of what takes no longer."""
 
 
 @command(app, "rig history ur10e --since 2026-01-01 -o history.html")
@@ -98,23 +95,8 @@ def _collected(data: Path, robot: str, workers: Workers) -> Collected:
         from analysis.fleet.catalogue import default_path  # noqa: PLC0415
         from analysis.fleet.robot import collect_by_catalogue  # noqa: PLC0415
 
-        shown = _Progress()
-        return collect_by_catalogue(data, robot, default_path(data), workers, lambda _, *count: shown(*count))
+        return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
     from analysis.history.collect import collect  # noqa: PLC0415
 
-    return collect(data, robot, _Progress(), workers)
-
-
-class _Progress:
-    """How many runs are evaluated, on a terminal, once it takes longer than a second.
-
-    Not `progress_of`: the runs are evaluated in forked processes, which must not inherit a display's thread and locks.
-    """
-
-    def __init__(self) -> None:
-        self._began_s = time.monotonic()
-
-    def __call__(self, done: int, total: int) -> None:
-        if sys.stderr.isatty() and time.monotonic() - self._began_s >= _SILENT_S:
-            line = f"evaluating runs that are new or have changed: {done} of {total}"
-            typer.echo(f"\r{line}", err=True, nl=done == total)
+    shown = partial(CountedProgress(), "evaluating runs that are new or have changed")
+    return collect(data, robot, shown, workers)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import typer
+
+from analysis.cli.console import say
 from rigs.text import plain
+
+_SILENT_S, _STEP_S = 1.0, 0.1
+"""Nothing is shown of counted work that takes no longer, and then a line so often."""
 
 
 @contextmanager
@@ -51,3 +58,32 @@ def _rewrite_line(words: str) -> None:
     shown = plain(words)[: shutil.get_terminal_size().columns - 1]
     sys.stderr.write(f"\r\x1b[K{shown}")
     sys.stderr.flush()
+
+
+class CountedProgress:
+    """What is done of how much, on a terminal, once it takes longer than a second; after Ctrl-C how far it got.
+
+    Not `progress_of`: work goes on in forked processes, which must not inherit a display's thread and locks.
+    """
+
+    def __init__(self) -> None:
+        self._began_s = self._shown_s = time.monotonic()
+        self._last = ("", "")
+
+    def __call__(self, doing: str, done: int, total: int) -> None:
+        self._last = (doing, f"{done} of {total}")
+        now_s = time.monotonic()
+        if not sys.stderr.isatty() or now_s - self._began_s < _SILENT_S:
+            return
+        if done == total or now_s - self._shown_s >= _STEP_S:
+            self._shown_s = now_s
+            typer.echo(f"\r{doing}: {done} of {total}\x1b[K", err=True, nl=done == total)
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        doing, count = self._last
+        if kind is KeyboardInterrupt and doing:
+            start = "\r\x1b[K" if sys.stderr.isatty() else ""
+            say(f"interrupted while {doing}: {count} are kept, and the same command goes on", err=True, mark=start)

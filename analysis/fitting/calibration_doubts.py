@@ -45,7 +45,7 @@ def _at_bounds(after: Fit) -> list[str]:
 
 
 def _held(after: Fit) -> list[str]:
-    """Return a message for each shape that was held at a value nobody gave, on which the fitted size depends."""
+    """Return a message for each shape that was held at its default, on which the fitted size depends."""
     effects = [after.model.effects[k] for k in dict.fromkeys(one.effect for one in after.free)]
     return [
         f"{label_of(effect)}: its {shape.field} was held at {getattr(effect, shape.field):g}, on which its size "

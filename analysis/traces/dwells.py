@@ -8,6 +8,7 @@ or waited at a target for something else. They are counted, not used.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Sequence
 from itertools import pairwise
 
@@ -99,7 +100,12 @@ def _sides(stands: list[Stand], rows: list[int], outwards: Array, limit: float) 
 
 def _rounds(approaches: list[tuple[int, str]]) -> Integers:
     """Round (n,) of each approach (target, side): the count of that side at that target."""
-    return np.array([approaches[: k + 1].count(one) for k, one in enumerate(approaches)], dtype=np.int64)
+    seen: Counter[tuple[int, str]] = Counter()
+    rounds = []
+    for one in approaches:
+        seen[one] += 1
+        rounds.append(seen[one])
+    return np.array(rounds, dtype=np.int64)
 
 
 def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import platform
 import socket
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -162,8 +163,8 @@ class Manifest(Record):
 
     def wall_ns(self, monotonic_ns: int) -> int:
         """Return what the wall clock showed at a stamp, in ns since 1970."""
-        after = [anchor for anchor in self.anchors if anchor.monotonic_ns <= monotonic_ns]
-        anchor = after[-1] if after else self.clock
+        before = bisect_right(self.anchors, monotonic_ns, key=lambda anchor: anchor.monotonic_ns)
+        anchor = self.anchors[before - 1] if before else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
 
     @property

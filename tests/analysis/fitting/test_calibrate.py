@@ -68,7 +68,7 @@ def test_a_size_that_ends_at_the_bound_of_a_rig_file_is_reported() -> None:
     assert not any("limit of a rig file" in doubt for doubt in within.doubts)
 
 
-def test_a_shape_that_nobody_gave_is_reported_as_held() -> None:
+def test_a_shape_that_was_not_given_is_reported_as_held() -> None:
     found = calibrate(RIG, _observed((ReversalSpike(axis=1, amplitude_deg=-0.03),), 1), [], "reversal_spike:1")
     assert any(doubt.startswith("reversal_spike 1: its decay_s was held at 0.3") for doubt in found.doubts)
     given = calibrate(RIG, _observed((Backlash(axis=1, width_deg=0.02),), 1), [], "backlash:1")
