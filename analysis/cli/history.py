@@ -24,7 +24,7 @@ def history(
     robot: Annotated[
         str,
         typer.Argument(
-            metavar="ROBOT", autocompletion=completion.robots, help="Name of its rig file, or of the robot in it."
+            metavar="ROBOT", autocompletion=completion.robots, help="Name of the rig file, or of the robot in that file."
         ),
     ],
     data: Annotated[

@@ -36,7 +36,7 @@ def init(
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Serial port or tcp://host:port of a gauge; may be repeated; default: asked for.",
+            help="Serial port or tcp://host:port of a gauge; repeatable; default: asked for.",
         ),
     ] = None,
     g1: Annotated[
@@ -70,7 +70,7 @@ def init(
         float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
     ] = 1.0,
     modbus_unit: Annotated[
-        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; may be repeated; default: 1.")
+        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; repeatable; default: 1.")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")

@@ -25,7 +25,7 @@ def live(
             "--run",
             metavar="RUN",
             autocompletion=completion.runs,
-            help="Recorded run to play; give it again for the next; default: none.",
+            help="Recorded run to play; repeatable; default: none.",
         ),
     ] = None,
     speed: Annotated[

@@ -20,7 +20,7 @@ RigName = Annotated[
     typer.Option(
         "--rig",
         autocompletion=completion.daemons,
-        help="Name of the rig whose daemon is meant; default: the only one that runs.",
+        help="Name of the rig; default: the only daemon that runs.",
     ),
 ]
 

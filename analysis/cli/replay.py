@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from daq.emulators import Replay
 
 
-@command(app, "rig replay cell.capture cell.yaml -o replayed")
+@command(app, "rig replay cell.log cell.yaml -o replayed")
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
     rig_file: Annotated[

@@ -195,7 +195,7 @@ def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
         return FoundCircle(nearest, _length(points) / nearest.radius)
     if sagitta < 0.02 * _length(points):
         raise _line(points, stood, where)
-    what = f"no part of the motion follows a circle, and the robot stood at {stood} points, of which it needs three"
+    what = f"no part of the motion follows a circle, and the robot stood at only {stood} points; three are needed"
     remedy = "record the circle by itself, or jog to three or more points of it and stand at each for a second"
     raise FileError(where, what, remedy)
 
