@@ -24,7 +24,9 @@ def history(
     robot: Annotated[
         str,
         typer.Argument(
-            metavar="ROBOT", autocompletion=completion.robots, help="Name of the rig file, or of the robot in that file."
+            metavar="ROBOT",
+            autocompletion=completion.robots,
+            help="Name of the rig file, or of the robot in it.",
         ),
     ],
     data: Annotated[

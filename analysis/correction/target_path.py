@@ -58,7 +58,8 @@ def read_path(path: Path) -> TargetPath:
     TableFileError with every bad cell."""
     names, rows = _rows(path)
     wanted, others = (JOINTS, POSES) if set(JOINTS) <= set(names) else (POSES, JOINTS)
-    if set(wanted) <= set(names) and (both := [name for name in others if name in names]):
+    is_corrected = not {*ADDED}.isdisjoint(names)  # of which more is said later
+    if not is_corrected and set(wanted) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has the columns {wanted[0]} … {wanted[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
     return _targets(path, names, rows, wanted, f"give {','.join(JOINTS)}, or {','.join(POSES)}")

@@ -116,6 +116,7 @@ class Named:
             "worth_um": self.worth_um,
             "material": self.material,
             "held_out_gain": self.held_out_gain,
+            "contradicted": self.contradicted,
             "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
             "gap_without_um": self.gap_without_um,
             "remedy": self.remedy,

@@ -20,7 +20,7 @@ from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, plain_worth, worth
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
-from rigs.schema.effect import label_of, name_of
+from rigs.schema.effect import is_wave, label_of, name_of
 
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
@@ -49,7 +49,7 @@ def named_effects(
     changes from which they are material."""
     effects = result.state.refined.effects
     found = [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
-    waves = Counter(name_of(effect) for effect in effects)
+    waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
     return [
         replace(one, material=False, is_term=True) if waves[name_of(one.effect)] > _MOST_WAVES else one for one in found
     ]

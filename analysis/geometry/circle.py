@@ -79,10 +79,12 @@ def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
     A joint that swings by less than 0.05° about the point is taken as standing. Raises FileError where the arm cannot
     follow the circle; limits of joints are those of the programs, which drive less than this does.
     """
-    frame, posture = frame_of(circle), np.radians(circle.posture_deg)
+    frame = frame_of(circle)
     # Beyond one lap at both ends, so that a turn near the start has both its flanks.
     step, first = np.radians(0.5), np.radians(circle.start_deg - circle.lead_deg)
-    unlimited = replace(arm, limits=np.tile([-np.inf, np.inf], (6, 1)))
+    # The posture in which the programs begin; from there on a joint may go a turn further than they may.
+    posture = follow(arm, frame.poses(np.array([first])), np.radians(circle.posture_deg), where)[0]
+    unlimited = replace(arm, limits=arm.limits + 2 * np.pi * np.array([-1.0, 1.0]))
     ahead, back = first + step * np.arange(800), first - step * np.arange(1, 80)
     q_ahead = follow(unlimited, frame.poses(ahead), posture, where)
     q_back = follow(unlimited, frame.poses(back), q_ahead[0], where)

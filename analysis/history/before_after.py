@@ -124,9 +124,9 @@ def _refuse_copies(runs: Sequence[Path], records: Sequence[Record]) -> None:
     """Raise FileError for a copy, which repeats nothing: it would show no difference, or no spread."""
     known: dict[str, Path] = {}
     for run, record in zip(runs, records, strict=True):
-        first = known.setdefault(record.readings, run)
-        if first is not run:
+        if first := known.get(record.readings):
             raise FileError(str(run), f"holds the same readings as {first}", "give each recording once")
+        known[record.readings] = run
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:

@@ -197,14 +197,18 @@ def _record(job: Job) -> Record:
 
 
 def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, Record]]]:
-    """Each run once, and copies with their originals, also where a copy was relabelled or a table imported again."""
-    first: dict[str, Record] = {}
+    """Each run once, and copies with those that are kept, also where a copy was relabelled or a table imported again.
+    Of a table the newest import is kept: it may have a corrected rig file."""
+    kept: dict[str, Record] = {}
     copies = []
     for record in records:
-        original = first.setdefault(record.readings, record)
-        if original is not record:
-            copies.append((record, original))
-    return list(first.values()), copies
+        before = kept.setdefault(record.readings, record)
+        if before is record:
+            continue
+        old, new = (before, record) if record.when > before.when else (record, before)
+        kept[record.readings] = new
+        copies.append((old, new))
+    return in_time(kept.values()), copies
 
 
 def is_of(rig_name: str, rig_text: str, robot: str) -> bool:

@@ -59,7 +59,11 @@ class Record:
     def when(self) -> datetime:
         """When the run began, in this computer's time zone, as its days are counted. Raises ValueError."""
         when = datetime.fromisoformat(self.started)
-        return (when if when.tzinfo else when.replace(tzinfo=UTC)).astimezone()
+        when = when if when.tzinfo else when.replace(tzinfo=UTC)
+        try:
+            return when.astimezone()
+        except OverflowError:  # within a day of the first or the last year
+            return when
 
 
 def fingerprint_of(run: Path) -> str:

@@ -121,10 +121,10 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
         if first is not run:
             copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
     single = list(once.values())
-    if other := [run for run in single if not _are_same_poses(single[0], run)]:
-        why = f"its poses are not those of {single[0].measured.path}: left out of the mean"
-        copies += [(run, why) for run in other]
-        single = [run for run in single if run not in other]
+    together = max(([run for run in single if _are_same_poses(one, run)] for one in single), key=len)
+    why = f"its poses are not those of {together[0].measured.path}: left out of the mean"
+    copies += [(run, why) for run in single if not any(run is one for one in together)]
+    single = together
     balls = [ball for ball in map(_ball_mm, single) if ball is not None]
     if len(balls) < max(2, len(single)):
         return single, copies

@@ -85,4 +85,8 @@ def whole_label(name: str, label: Callable[[str], str] = label) -> str:
         above = above if text.startswith(" ") else other
         if other == name:
             break
-    return f"{label(above).partition(', ')[0]}, {own}" if label(name).startswith(" ") else own
+    if not label(name).startswith(" "):
+        return own
+    # The place of the largest is a detail of that; a mean stands beside the rms.
+    of = label(above) if name.endswith("_at_deg") else label(above).partition(", ")[0]
+    return f"{of}, {own}"

@@ -41,11 +41,11 @@ class Stand:
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
-    stands, q = [], _without_single_wild(q)
+    stands = []
     for begin, end in standing(t_s, q, _STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
-        stands.append(Stand(begin, end, float(t_s[settled].mean()), q[settled].mean(axis=0), mean_mm, outliers))
+        stands.append(Stand(begin, end, float(t_s[settled].mean()), _averaged(q[settled])[0], mean_mm, outliers))
     return stands
 
 
@@ -68,23 +68,16 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
     return found
 
 
-def _without_single_wild(q: Array) -> Array:
-    """Angles (n, 6) rad with each the median of itself and its neighbours, which leaves a motion as it is."""
-    padded = np.concatenate([q[:1], q, q[-1:]])
-    filtered: Array = np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0)
-    return filtered
-
-
 def _settled(begin: int, end: int) -> slice:
     return slice(begin + int((end - begin) * (1 - _SETTLED)), end)
 
 
-def _averaged(g_mm: Array) -> tuple[Array, int]:
-    """Mean (k,) of the readings g_mm (n, k) of a stand without single wild ones, and how many those were."""
-    away = np.abs(g_mm - np.median(g_mm, axis=0))
+def _averaged(values: Array) -> tuple[Array, int]:
+    """Mean (k,) of the readings, or angles, (n, k) of a stand without single wild ones, and how many those were."""
+    away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
     # Readings of a coarse gauge that mostly agree have no median deviation: nothing is called wild there.
     sound = (away <= limit) | (limit == 0)
     sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
-    mean: Array = np.where(sound, g_mm, 0.0).sum(axis=0) / sound.sum(axis=0)
+    mean: Array = np.where(sound, values, 0.0).sum(axis=0) / sound.sum(axis=0)
     return mean, int((~sound).sum())

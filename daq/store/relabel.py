@@ -106,8 +106,10 @@ def _test_and_direction(
         what = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
         raise FileError(str(run), what, f"import them again with --test {test}")
     if test not in CIRCLES:
-        if direction is not None:
+        if direction is not None and test != manifest.test:
             raise UseError("--direction", f"a {test} test has no direction", "leave it out")
+        if direction is not None:
+            raise FileError(str(run), f"is of a {test} test, which has no direction", "leave --direction out")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")

@@ -64,6 +64,16 @@ def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_ju
     assert len(feasible_tests(turned)) > 1
 
 
+def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs() -> None:
+    rig, _ = load("paper-fanuc")
+    usual = reversals(circle_of(rig), arm_of(rig.robot), "paper-fanuc")
+    posture = (-62.8, -54.2, 7.6, 231.0, 136.6, -5.7)
+    far = circle_of(rig).model_copy(update={"posture_deg": posture})
+    turns = reversals(far, arm_of(rig.robot), "paper-fanuc")
+    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
+    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
+
+
 def test_a_joint_limit_on_the_way_is_told() -> None:
     rig, _ = load("paper-fanuc")
     axes = list(rig.robot.axes)

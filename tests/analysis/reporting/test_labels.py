@@ -36,5 +36,6 @@ def test_a_figure_by_itself_says_of_what_it_is_a_detail() -> None:
     assert whole_label("uni_mean_mm") == "uni-directional range, mean over targets"
     assert whole_label("rp_mean_mm") == "repeatability RP (ISO 9283), mean"
     assert whole_label("mean_mm") == "position error, mean" and whole_label("rms_mm") == "position error, rms"
+    assert whole_label("hysteresis_max_at_deg") == "hysteresis, largest, at φ"
     assert whole_label("play_2") == "play_2"
     assert len({whole_label(name) for name in _LABELS}) == len(_LABELS)
