@@ -116,8 +116,7 @@ def test_a_directory_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: 
     def denied(run: Path) -> None:
         raise PermissionError(13, "Permission denied")
 
-    # private: root may read everything
-    monkeypatch.setattr(retention, "_is_run", denied)
+    monkeypatch.setattr(retention, "is_run", denied)  # root may read everything
     done = ran("runs", tmp_path)
     assert done.stderr == f"{tmp_path / 'lap'}: not listed: this user may not read it\n" and not done.stdout
 
