@@ -24,8 +24,8 @@ def ran(*words: object) -> Result:
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four runs in two directories, and between them one that is damaged."""
     plant = tmp_path_factory.mktemp("plant")
-    for directory in ("a", "c"):
-        assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], 0))
+    for seed, directory in enumerate(("a", "c")):
+        assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], seed))
     (plant / "b").mkdir()
     (plant / "b" / "manifest.json").write_text("{}")
     return plant
