@@ -26,10 +26,9 @@ def as_argument(path: Path | str) -> str:
     return shlex.quote(str(path))
 
 
-def to_install(*packages: str) -> str:
-    """Return what a person does to install missing packages where rig runs."""
-    names = " ".join(packages)
-    return f"install it beside rig: pipx inject rig {names}, or pip install {names} in rig's environment"
+def to_install(package: str) -> str:
+    """Return what a person does to install a missing package where rig runs."""
+    return f"install it beside rig: pipx inject rig {package}, or pip install {package} in rig's environment"
 
 
 def forget_width_of_0() -> None:

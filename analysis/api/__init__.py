@@ -224,7 +224,7 @@ def calibrate(
     from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
-    refuse_copies([*runs, *hold_out])
+    refuse_copies((one.path, one.run.readings_sha256) for one in (*runs, *hold_out))
     return calibrate_runs(model, runs, hold_out, effects, share=share, groups=groups, seed=seed)
 
 
@@ -258,7 +258,7 @@ def diagnose(
     from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
-    refuse_copies([*runs, *hold_out, *unseen])
+    refuse_copies((one.path, one.run.readings_sha256) for one in (*runs, *hold_out, *unseen))
     return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um)
 
 

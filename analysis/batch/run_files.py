@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from daq.store.durable import TEMPORARY
 from daq.store.ledger import LEDGER
-from daq.store.manifest import MANIFEST
+from daq.store.manifest import MANIFEST, OF_A_RUN
 from daq.store.marks import MARKS
 
 NO_RUNS = "lost+found"
@@ -17,7 +17,7 @@ _CHUNKS = (".parquet", ".arrow")
 def is_run(names: Iterable[str]) -> bool:
     """Whether files of these names make a directory a run, however damaged: one without a manifest may have its
     ledger."""
-    return not {MANIFEST, LEDGER}.isdisjoint(names)
+    return not OF_A_RUN.isdisjoint(names)
 
 
 def has_figures(name: str) -> bool:

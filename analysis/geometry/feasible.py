@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.geometry.circle import SENSE, reversals
+from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
 from rigs.errors import FileError
@@ -21,7 +21,7 @@ def _circle(rig: Rig) -> list[str]:
     circle = rig.tests.circle
     if circle is None:
         return ["no circle is declared"]
-    seconds = max(circle_program(rig, direction).t_s[-1] for direction in SENSE)
+    seconds = circle_program(rig, "acw").t_s[-1]
     laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
     turns = reversals(circle, arm_of(rig.robot), f"{rig.name}, tests.circle")
     by_axis: dict[int, list[str]] = {}

@@ -21,6 +21,7 @@ from analysis.history.history import WATCHED, label_of
 from analysis.history.history_file import FILE, Unusable, read_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of
 from analysis.measures.quantity import Quantity, student_factor
+from analysis.traces.loading import refuse_copies
 from daq.store import load_manifest
 from rigs.errors import FileError
 
@@ -99,7 +100,8 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     _hold_apart(after, before)
     known = _known(Path(run).parent for run in (*before, *after))
     now, then = ([_record(run, known) for run in side] for side in (after, before))
-    _refuse_copies([*before, *after], [*then, *now])
+    records = zip((*before, *after), (*then, *now), strict=True)
+    refuse_copies((path, record.readings) for path, record in records)
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         raise FileError(" and ".join(robots), "are different robots", "compare runs of one robot")
@@ -118,15 +120,6 @@ def _hold_apart(after: Sequence[Path], before: Sequence[Path]) -> None:
     both = {path.resolve() for path in after} & {path.resolve() for path in before}
     for path in sorted(both):
         raise FileError(str(path), "is on both sides", "give it before --against or after it")
-
-
-def _refuse_copies(runs: Sequence[Path], records: Sequence[Record]) -> None:
-    """Raise FileError for a copy, which repeats nothing: it would show no difference, or no spread."""
-    known: dict[str, Path] = {}
-    for run, record in zip(runs, records, strict=True):
-        if first := known.get(record.readings):
-            raise FileError(str(run), f"holds the same readings as {first}", "give each recording once")
-        known[record.readings] = run
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -64,16 +64,16 @@ def load_measured(path: Path) -> Measured:
     return measured_of(replace(run, path=path))
 
 
-def refuse_copies(runs: Sequence[Measured]) -> None:
-    """Raise FileError where two runs hold the same readings.
+def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
+    """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
 
     A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
     """
-    known: dict[str, Measured] = {}
-    for run in runs:
-        if first := known.get(run.run.readings_sha256):
-            raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
-        known[run.run.readings_sha256] = run
+    known: dict[str, Path] = {}
+    for path, readings in runs:
+        if first := known.get(readings):
+            raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
+        known[readings] = path
 
 
 def measured_of(run: Run) -> Measured:

@@ -47,6 +47,8 @@ from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
 """Written when a run begins, and again when it ends."""
+OF_A_RUN = frozenset({MANIFEST, LEDGER})
+"""Files of which one makes a directory a run, however damaged."""
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """The fields that follow from the ledger, in a run of version 2."""
 _LONGEST_OPERATOR = 200
@@ -255,7 +257,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
 def is_run(path: Path) -> bool:
     """Return whether a directory is a run, however damaged: one without a manifest may have its ledger. Raises OSError
     where it may not be entered."""
-    return (path / MANIFEST).exists() or (path / LEDGER).exists()
+    return any((path / name).exists() for name in OF_A_RUN)
 
 
 def load_manifest(run: Path) -> Manifest:

@@ -139,7 +139,7 @@ def test_a_table_that_was_imported_twice_counts_once(runs: Path) -> None:
     assert {"000-acw is a copy of one and is left out", "one is a copy of two and is left out"} <= {*found.notes}
     one, two = (load_measured(runs / name) for name in ("one", "two"))
     with pytest.raises(FileError, match=r"two: holds the same readings as .*one"):
-        refuse_copies([one, two])
+        refuse_copies((run.path, run.run.readings_sha256) for run in (one, two))
 
 
 def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs: Path) -> None:
