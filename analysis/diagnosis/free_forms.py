@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -61,7 +62,11 @@ class FittedFreeForm:
 def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFreeForm:
     """Return the free form that explains most of what the names leave beside everything else, at its most likely
     strength; its columns are (N, c)."""
-    gains = [_gains(*posterior.cavity(form.columns)) for form in forms]
+    # One product with the columns of all forms takes two thirds of the time of one product for each form.
+    ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
+    products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
+    own = [slice(begin, end) for begin, end in pairwise(ends)]
+    gains = [_gains(products[one, one], slope[one]) for one in own]
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
     form = FreeForm(forms[k].words, strength * forms[k].columns)

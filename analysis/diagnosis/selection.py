@@ -23,7 +23,7 @@ from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, 
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, is_alike, is_same, is_twice
+from analysis.diagnosis.selection_state import SelectionState, is_alike, is_same, is_twice, series_among
 from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
@@ -163,7 +163,7 @@ class Selection:
     ) -> tuple[SelectionState, SelectionState | None]:
         """Return the result of a stepwise search, and the first state in which a free form explained more than the best
         name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether it ends at a new
-        fault beside which the columns do not hold, unless there is such a form."""
+        fault beside which the columns do not hold, unless there is such a form. It ends at a series of waves too."""
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
         for most in (1.0, MOST_LEVEL):
@@ -171,6 +171,8 @@ class Selection:
             if most > 1.0 and state.level == level:
                 break
             for _ in range(_ROUNDS):
+                if series_among(state.refined.effects):
+                    break  # further names would stand for what a series leaves of an error of another form
                 posterior = self.posterior(state)
                 changed = self._backward_step(state, posterior, 0.0)
                 if changed is None:

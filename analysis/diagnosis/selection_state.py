@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from analysis.diagnosis.free_forms import FittedFreeForm
 from analysis.diagnosis.refine import Refined
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size, size_field
-from rigs.schema.effect import PHASE, name_of, size_of
+from rigs.schema.effect import PHASE, is_wave, name_of, size_of
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
@@ -23,6 +24,9 @@ slow joint."""
 _SAME_ORDER = 0.5
 """Difference of the orders of one gear below which they are one wave. Chosen: most orders are whole, as numbers of
 teeth are."""
+_MOST_WAVES = 6
+"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
+of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
 
 
 @dataclass(frozen=True)
@@ -82,3 +86,10 @@ def is_twice(effects: Sequence[Effect]) -> bool:
     """Return whether the last of some effects is the wave of one before it: of the same name and order."""
     *others, last = effects
     return any(name_of(one) == name_of(last) and abs(order_of(one) - order_of(last)) < _SAME_ORDER for one in others)
+
+
+def series_among(effects: Sequence[Effect]) -> frozenset[str]:
+    """Return the names of which some effects have so many waves that these are no gears, but the series of an error of
+    another form."""
+    waves = Counter(name_of(one) for one in effects if is_wave(one) and one.STAGE == "joint")
+    return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)

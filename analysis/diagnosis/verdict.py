@@ -15,12 +15,13 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
+from analysis.diagnosis.selection_state import series_among
 from analysis.diagnosis.shares import sizes_by_setup
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, plain_worth, worth
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
-from rigs.schema.effect import is_wave, label_of, name_of
+from rigs.schema.effect import label_of, name_of
 
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
@@ -30,9 +31,6 @@ _HEALTHY = 0.05
 _LIKELY = 0.2
 """Odds among rivals below which a name is not material: three names with the same response have a third each, so each
 of them stays above it."""
-_MOST_WAVES = 6
-"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
-of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
 _CERTAIN = ODDS / (1 + ODDS)
 """Odds among rivals below which a name is ambiguous."""
 
@@ -49,10 +47,8 @@ def named_effects(
     changes from which they are material."""
     effects = result.state.refined.effects
     found = [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
-    waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
-    return [
-        replace(one, material=False, is_term=True) if waves[name_of(one.effect)] > _MOST_WAVES else one for one in found
-    ]
+    series = series_among(effects)
+    return [replace(one, material=False, is_term=True) if name_of(one.effect) in series else one for one in found]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:

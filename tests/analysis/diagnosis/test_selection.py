@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis import selection_state
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
@@ -45,6 +46,16 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
     one = rival_odds(selection, state, place)
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
+
+
+def test_nothing_is_added_to_a_series_of_waves(monkeypatch: pytest.MonkeyPatch) -> None:
+    waves = [TransmissionError(axis=1, order=order, amplitude_deg=0.03, phase_deg=-70) for order in (30, 60, 100)]
+    y = white(healthy(), 12) + shown_by(healthy(), waves)
+    selection = Selection(holding(healthy(), y), healthy_columns())
+    two = selection.initial_state(waves[:2])
+    assert len(selection.select(two).refined.effects) == 3
+    monkeypatch.setattr(selection_state, "_MOST_WAVES", 1)  # private: seven waves take minutes
+    assert len(selection.select(two).refined.effects) == 2, "two are a series now, of which one more says nothing"
 
 
 def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from analysis.diagnosis import diagnose as verdicts
 from analysis.diagnosis import search as engine
-from analysis.diagnosis import verdict
+from analysis.diagnosis import selection_state
 from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
@@ -126,7 +126,7 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
 
 def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.MonkeyPatch) -> None:
     """A series of waves describes any error of a joint, as of one that slips."""
-    monkeypatch.setattr(verdict, "_MOST_WAVES", 1)  # private: seven waves take minutes
+    monkeypatch.setattr(selection_state, "_MOST_WAVES", 1)  # private: seven waves take minutes
     waves = (TransmissionError(axis=1, order=order, amplitude_deg=0.006, phase_deg=-70) for order in (60, 100))
     found = found_in(circles(tuple(waves), seed=19))
     assert found.verdict == "outside_library" and not found.standing
