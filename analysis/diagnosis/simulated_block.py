@@ -163,7 +163,7 @@ class SimulatedBlock:
         for k, effect in enumerate(effects):
             if effect.STAGE == "joint":
                 error = self._error(early, effect)
-                for axis in np.flatnonzero(error.any(axis=0)):
+                for axis in _turned_axes(error):
                     added[:, :, k] += self.slopes[:, :, axis] * self.at_readings(error[:, axis])[:, None]
             else:
                 times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
@@ -171,6 +171,12 @@ class SimulatedBlock:
                 scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
                 added[:, :, k] = times * (self.read(beside, scene, self.setup) - self.base)
         return added
+
+
+def _turned_axes(error: Array) -> list[int]:
+    """Return the numbers (0 … 5) of the joints that have errors among (n, 6) rad. A product of few rows takes a quarter
+    of the time that numpy's `any` takes along many short ones."""
+    return np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist()
 
 
 def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -53,7 +53,7 @@ class TransmissionError(Effect):
     def apply(self, scene: S) -> S:
         """N = 1 is an eccentric wheel; the gear ratio, twice the wave generator, the tooth mesh are others."""
         turn = self.order * scene.q[:, self.axis - 1] + np.radians(self.phase_deg)
-        wave = np.sin(turn) + self.third * np.sin(3 * turn)
+        wave = np.sin(turn) + self.third * np.sin(3 * turn) if self.third else np.sin(turn)
         return scene.turned(self.axis, np.radians(self.amplitude_deg) * wave)
 
     @classmethod
