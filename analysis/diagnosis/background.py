@@ -17,10 +17,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, fault_sizes
+from analysis.diagnosis.response import Response
 from analysis.kinematics.arm import Array, Integers
 
 
@@ -41,15 +43,20 @@ class Weighed:
 
 @dataclass(frozen=True)
 class FittedTerms:
-    """Terms that are fitted beside the background: columns T (N, q) with prior precision (q, q) and prior mean (q,),
-    and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that a limit
-    holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
+    """Terms that are fitted beside the background: q columns in some responses, with prior precision (q, q) and prior
+    mean (q,), and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that
+    a limit holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
 
     r: Array
-    T: Array
+    responses: tuple[Response, ...]
     precision: Array
     mean: Array
     held: Array
+
+    @cached_property
+    def T(self) -> Array:  # noqa: N802 - a matrix
+        """The columns (N, q)."""
+        return np.concatenate([np.empty((len(self.r), 0)), *(one.columns for one in self.responses)], axis=1)
 
     def best(self, normal: Array, right: Array) -> Array:
         """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
@@ -71,6 +78,7 @@ class Background:
     mean: Array
     gram: Array
     _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
+    _weighed: WeakKeyDictionary[Response, Weighed] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
     @cached_property
     def _root(self) -> Array:
@@ -100,19 +108,44 @@ class Background:
 
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
-        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
-
         weighted = self.weight[:, None] * values
         # In this order the product of many rows with few columns takes a third of the time.
-        right = self._root[:, None] * (weighted.T @ self.columns.X).T
+        return self._halved(values, weighted, weighted.T @ self.columns.X)
+
+    def _halved(self, values: Array, weighted: Array, products: Array) -> Weighed:
+        """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        right = self._root[:, None] * products.T
         half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
         return Weighed(values, weighted, np.asarray(half, dtype=float))
+
+    def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
+        """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
+        parts = [self._weighed_response(one) for one in responses]
+        parts += [] if values is None else [self.weighed(values)]
+        if len(parts) == 1:
+            return parts[0]
+        own = np.empty((len(self.weight), 0))
+        return Weighed(
+            np.concatenate([own, *(one.values for one in parts)], axis=1),
+            np.concatenate([own, *(one.weighted for one in parts)], axis=1),
+            np.concatenate([np.empty((len(self.variance), 0)), *(one.half for one in parts)], axis=1),
+        )
+
+    def _weighed_response(self, one: Response) -> Weighed:
+        """Return a response weighed."""
+        if one not in self._weighed:
+            weighted = self.weight[:, None] * one.columns
+            products = self.columns.weighted_products(one, self.weight)
+            self._weighed[one] = self._halved(one.columns, weighted, products)
+        return self._weighed[one]
 
     def weighed_terms(self, known: FittedTerms) -> Weighed:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
         ones are kept, because a state's evidence and its posterior need the same."""
         if not self._latest or self._latest[0][0] is not known:
-            self._latest[:] = [(known, self.weighed(np.column_stack([known.T, known.r - self.at_mean])))]
+            self._latest[:] = [(known, self.weighed_responses(known.responses, (known.r - self.at_mean)[:, None]))]
         return self._latest[0][1]
 
     def taken(self, weighed: Weighed) -> Array:
@@ -121,11 +154,6 @@ class Background:
 
         back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
         found: Array = self._root[:, None] * back
-        return found
-
-    def solved(self, weighed: Weighed) -> Array:
-        """Return C⁻¹ values, (N, k) for whitened values (N, k)."""
-        found: Array = weighed.weighted - self.weight[:, None] * (self.columns.X @ self.taken(weighed))
         return found
 
     @property
@@ -302,12 +330,12 @@ class Posterior:
         precision: Array = own.products(own) - known.T @ self.known_covariance @ known
         return precision, left
 
-    def left_of(self, columns: Array) -> Array:
-        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
-        own = self.background.weighed(columns)
+    def left_of(self, response: Response) -> Array:
+        """Return what everything else leaves of a response (N, k) that is added to the readings."""
+        own = self.background.weighed_responses([response])
         known = self.known_covariance @ self._weighed.products(own)[:-1]
         taken = self.background.taken(own) - self._taken[:, :-1] @ known
-        left: Array = columns - self.terms.T @ known - self.background.columns.X @ taken
+        left: Array = response.columns - self.terms.T @ known - self.background.columns.X @ taken
         return left
 
     def size(self, form: Form) -> Array:

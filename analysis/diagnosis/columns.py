@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.departures import initial_play_columns
 from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.response import Response
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, one_sided
 from rigs.schema.effect import healthy, is_play, name_of
@@ -87,6 +89,7 @@ class Columns:
     fixed: Array
     healthy_mean: Array
     not_seen: tuple[str, ...] = ()
+    _products: WeakKeyDictionary[Response, Array] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
     @cached_property
     def among(self) -> Counter[str]:
@@ -116,10 +119,14 @@ class Columns:
         return np.bincount(self.band)
 
     @cached_property
+    def parts(self) -> list[Array]:
+        """The whitened columns (n, p) of each band."""
+        return [self.X[rows] for rows in self.rows]
+
+    @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
         """The products (b, p, p) of the whitened columns by band."""
-        parts = [self.X[rows] for rows in self.rows]
-        return np.stack([part.T @ part for part in parts])
+        return np.stack([part.T @ part for part in self.parts])
 
     @cached_property
     def gram(self) -> Array:
@@ -129,14 +136,34 @@ class Columns:
 
     def weighted_gram(self, weight: Array) -> Array:
         """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
+        equal, uneven = self._by_band(weight)
+        gram = self.gram.copy()
+        for band in np.flatnonzero(equal != 1).tolist():  # most weights are 1
+            gram += (equal[band] - 1) * self.K[band]
+        for band in uneven:
+            part = np.sqrt(weight[self.rows[band]])[:, None] * self.parts[band]
+            gram += part.T @ part
+        return gram
+
+    def weighted_products(self, response: Response, weight: Array) -> Array:
+        """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
+        same way; what does not depend on the weights is kept for as long as the response."""
+        if response not in self._products:
+            both = zip(self.rows, self.parts, strict=True)
+            self._products[response] = np.stack([response.columns[rows].T @ part for rows, part in both])
+        equal, uneven = self._by_band(weight)
+        found: Array = np.tensordot(equal, self._products[response], axes=1)
+        for band in uneven:
+            rows = self.rows[band]
+            found += (weight[rows, None] * response.columns[rows]).T @ self.parts[band]
+        return found
+
+    def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
+        """Return the weight (b,) of each band whose readings have equal weights (N,), zero for the others, and the
+        numbers of these."""
         each = [weight[rows] for rows in self.rows]
         equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
-        gram: Array = np.tensordot(equal, self.K, axes=1)
-        for rows, own in zip(self.rows, each, strict=True):
-            if np.ptp(own) > 0:
-                part = np.sqrt(own)[:, None] * self.X[rows]
-                gram += part.T @ part
-        return gram
+        return equal, [band for band, own in enumerate(each) if np.ptp(own) > 0]
 
     def variance(self, level: float) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every

@@ -55,7 +55,7 @@ def diagnose(
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
-    result = search(runs, progress)
+    result = search(runs, progress, tolerance_um)
     progress("validating on held-out runs")
     gaps = _Gaps(
         gap(runs, result, _names(used)),

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from analysis.diagnosis.blocks import Block
+from analysis.diagnosis.response import NearResponses
 from analysis.diagnosis.simulated_block import SimulatedBlock
 from analysis.fitting.setups import columns_of, moved_setup, tool_shift
 from analysis.kinematics.arm import Array, Integers
@@ -36,11 +37,12 @@ _FAR_MM = 1.0
 @dataclass(frozen=True)
 class Linearisation:
     """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks, in
-    standard deviations of the noise."""
+    standard deviations of the noise. `near` keeps what fits have computed of effects."""
 
     blocks: tuple[Block, ...]
     setups: dict[str, SetUp]
     simulated: tuple[SimulatedBlock, ...]
+    near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
 
     @cached_property
     def y(self) -> Array:

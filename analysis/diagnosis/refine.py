@@ -19,6 +19,7 @@ from analysis.diagnosis.background import Background, FittedTerms, Weighed
 from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.departures import alike_columns, departure_columns, fewest_columns
 from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.response import Response
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
@@ -37,7 +38,9 @@ beyond."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
-
+_NEARBY = 0.02
+"""Part of the size of an effect, and of the spread of a shape, over which its derivatives and departures are not
+computed again. Chosen: then each round of Gauss-Newton still reduces the error to a fiftieth."""
 
 _One = TypeVar("_One")
 
@@ -60,9 +63,9 @@ class Refined:
 
     `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) has the way to its limit of each
     unknown that one more step would take there, and NaN for the others. `residual` (N,) is the whitened residual with
-    the effects, with set-ups and background unchanged; `tangents` (N, q) are its derivatives by the unknowns.
-    `departures` has an array (N, f) for each effect, and `free` (N, f) the columns of free forms, one standard
-    deviation each.
+    the effects, with set-ups and background unchanged; `tangents` are its derivatives by the unknowns of each effect,
+    in their order. `departures` has those of each effect, and `free` the columns of free forms, one standard deviation
+    each.
     """
 
     effects: tuple[Effect, ...]
@@ -71,9 +74,9 @@ class Refined:
     covariance: Array
     to_limit: Array
     residual: Array
-    tangents: Array
-    departures: tuple[Array, ...]
-    free: Array
+    tangents: tuple[Response, ...]
+    departures: tuple[Response, ...]
+    free: Response
 
     def sd(self, effect: int) -> dict[str, float]:
         """Return the standard uncertainty of each fitted parameter of one effect."""
@@ -83,12 +86,18 @@ class Refined:
     @cached_property
     def known(self) -> FittedTerms:
         """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
-        T = np.concatenate([self.tangents, *self.departures, self.free], axis=1)
-        allowed = T.shape[1] - len(self.values)
+        beside = (*self.departures, self.free)
+        allowed = sum(one.columns.shape[1] for one in beside)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
         held = np.concatenate([self.to_limit, np.full(allowed, np.nan)])
-        return FittedTerms(self.residual, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]), held)
+        return FittedTerms(
+            self.residual,
+            (*self.tangents, *beside),
+            np.diag(precision),
+            np.concatenate([away, np.zeros(allowed)]),
+            held,
+        )
 
     def without(self, place: int) -> Refined:
         """Return the fit without one effect, the others unchanged; its residual (N,) is not updated."""
@@ -97,7 +106,7 @@ class Refined:
         return replace(
             self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
             covariance=self.covariance[np.ix_(kept, kept)], to_limit=self.to_limit[kept],
-            tangents=self.tangents[:, kept], departures=_all_but(self.departures, place),
+            tangents=_all_but(self.tangents, place), departures=_all_but(self.departures, place),
         )  # fmt: skip
 
 
@@ -108,6 +117,8 @@ def refine(
     fitted: Refined | None = None,
     free: Array | None = None,
     rounds: int = ROUNDS,
+    *,
+    begins: bool = False,
 ) -> Refined:
     """Return sizes and shapes of effects fitted from their current values; no effects leave the residual (N,)
     unchanged.
@@ -115,33 +126,50 @@ def refine(
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
     together removes it. A new effect that others resemble is first fitted without them. `free` (N, f) has the columns
-    of free forms, one standard deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit.
+    of free forms, one standard deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. One
+    that only `begins` ends before it is beside what resembles the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
     unknowns = (*before.unknowns, *_unknowns(effects, old))
-    departures = [departure_columns(linear, one) for one in effects[old:]]
-    columns = before.free if free is None else free
+    beside = before.free if free is None else Response(free)
 
-    def solved(begin: Sequence[Effect], own: Sequence[Array]) -> Refined:
-        allowed = (*before.departures, *(fewest_columns(one) for one in own))
-        return _Problem(linear, background, before, unknowns, allowed, columns).solved(begin, rounds)
+    def solved(begin: Sequence[Effect], *, alike: bool) -> Refined:
+        own = [_departures(linear, one, alike=alike) for one in begin[old:]]
+        return _Problem(linear, background, before, unknowns, (*before.departures, *own), beside).solved(begin, rounds)
 
     if fitted:
         # Beside what resembles it the fit of a new effect may go astray: a play ended at a fifth of its width.
-        found = solved(effects, departures)
-        if not any(one.departures().alike for one in effects[old:]):
+        found = solved(effects, alike=False)
+        if begins or not any(one.departures().alike for one in effects[old:]):
             return found
         effects = found.effects
-        departures = [departure_columns(linear, one) for one in effects[old:]]
-    alike = [alike_columns(linear, one) for one in effects[old:]]
-    return solved(effects, [np.concatenate(both, axis=1) for both in zip(departures, alike, strict=True)])
+    return solved(effects, alike=True)
+
+
+def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
+    """Return the departures (N, f) of an effect, or of the latest one near it, with what is `alike`."""
+
+    def compute() -> Array:
+        own = departure_columns(linear, effect)
+        return fewest_columns(np.concatenate([own, alike_columns(linear, effect)], axis=1) if alike else own)
+
+    steps = _steps_nearby(effect, _unknowns([effect], 0))
+    return linear.near.of(f"departures{', alike' * alike}", effect, steps, compute)
+
+
+def _steps_nearby(effect: Effect, unknowns: Sequence[Unknown]) -> dict[str, float]:
+    """Return the differences of an effect's parameters over which its derivatives and departures hardly change."""
+    steps = {unknown.field: _NEARBY * unknown.spread for unknown in unknowns}
+    own = size_field(effect)
+    steps[own] = _NEARBY * max(abs(float(getattr(effect, own))), healthy_size(effect))
+    return steps | ({PHASE: float(np.degrees(_NEARBY))} if is_wave(effect) else {})
 
 
 def no_effects(linear: Linearisation) -> Refined:
     """Return a fit of no effects, with the residual (N,) of the linearisation."""
-    none = np.empty((len(linear.y), 0))
-    return Refined((), (), np.empty(0), np.empty((0, 0)), np.empty(0), linear.y, none, (), none)
+    none = Response(np.empty((len(linear.y), 0)))
+    return Refined((), (), np.empty(0), np.empty((0, 0)), np.empty(0), linear.y, (), (), none)
 
 
 @dataclass(frozen=True)
@@ -160,8 +188,8 @@ class _Problem:
     background: Background
     fitted: Refined
     unknowns: tuple[Unknown, ...]
-    departures: tuple[Array, ...]
-    free: Array
+    departures: tuple[Response, ...]
+    free: Response
 
     @cached_property
     def expected(self) -> Array:
@@ -174,23 +202,19 @@ class _Problem:
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property
-    def _allowed(self) -> Array:
-        """What is allowed for beside the effects: the columns (N, f) of departures and free forms."""
-        return np.concatenate([*self.departures, self.free], axis=1)
-
-    @cached_property
-    def _weighted_departures(self) -> Array:
-        return self.background.solved(self.background.weighed(self._allowed))
+    def _allowed(self) -> Weighed:
+        """What is allowed for beside the effects: the columns (N, f) of departures and free forms, weighed."""
+        return self.background.weighed_responses((*self.departures, self.free))
 
     @cached_property
     def _inverse(self) -> Array:
-        own = self._allowed.T @ self._weighted_departures
+        own = self._allowed.products(self._allowed)
         own[np.diag_indices_from(own)] += 1.0
         return np.asarray(np.linalg.inv(own), dtype=float)
 
     @cached_property
     def _before(self) -> _Projected:
-        return self._projected(self.fitted.tangents)
+        return self._projected(self.background.weighed_responses(self.fitted.tangents))
 
     def solved(self, effects: Sequence[Effect], rounds: int) -> Refined:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
@@ -200,7 +224,8 @@ class _Problem:
         now = self._with(effects, x)
         r = self._left(now)
         cost, damping = self._cost(r, x), 1e-4
-        J = self._slopes(now)
+        slopes = self._slopes(now)
+        J = self._projected(self.background.weighed_responses(slopes))
         H, fall = self._normal(J, r)
         for _ in range(rounds if len(x) else 0):
             gradient, least = fall - (x - self.expected) / self.spread**2, damping
@@ -223,11 +248,12 @@ class _Problem:
             x, now, r, cost = tried, there, there_r, there_cost
             # A damping that was needed is mostly needed again.
             damping = damping / 10 if damping == least else damping
-            J = self._slopes(now)
+            slopes = self._slopes(now)
+            J = self._projected(self.background.weighed_responses(slopes))
             H, fall = self._normal(J, r)
             if gained < _ENOUGH:
                 break
-        tangents = np.concatenate([self.fitted.tangents, J.weighed.values], axis=1)
+        tangents = (*self.fitted.tangents, *slopes)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         residual = r.weighed.values[:, 0] + self.background.at_mean
         to_limit = step_within(limits - x, H, fall - (x - self.expected) / self.spread**2)[1]
@@ -237,11 +263,12 @@ class _Problem:
 
     def _left(self, effects: Sequence[Effect]) -> _Projected:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
-        return self._projected((self.linear.residual(effects) - self.background.at_mean)[:, None])
+        left = self.linear.residual(effects) - self.background.at_mean
+        return self._projected(self.background.weighed(left[:, None]))
 
-    def _projected(self, values: Array) -> _Projected:
-        """Return values (N, k) with their products with the background, the departures and the free forms."""
-        return _Projected(self.background.weighed(values), self._weighted_departures.T @ values)
+    def _projected(self, weighed: Weighed) -> _Projected:
+        """Return weighed values (N, k) with their products with the departures and the free forms."""
+        return _Projected(weighed, self._allowed.products(weighed))
 
     def _product(self, one: _Projected, other: _Projected) -> Array:
         """Return one' (C + FF')⁻¹ other, with F the departures and free forms: (k, l) for values (N, k) and (N, l)."""
@@ -258,17 +285,28 @@ class _Problem:
     def _cost(self, r: _Projected, x: Array) -> float:
         return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
-    def _slopes(self, effects: Sequence[Any]) -> _Projected:
-        """Return the derivatives (N, q) by the new unknowns, computed for one effect at a time because effects add."""
-        unknowns = self.unknowns[self.fitted.tangents.shape[1] :]
-        steps = np.array([_step(effects[unknown.effect], unknown) for unknown in unknowns])
-        changed = [
-            effects[u.effect].model_copy(update={u.field: float(getattr(effects[u.effect], u.field)) + step})
-            for u, step in zip(unknowns, steps, strict=True)
-        ]
-        old = len(self.fitted.effects)
-        base = self.linear.columns(effects[old:])[:, [u.effect - old for u in unknowns]]
-        return self._projected((self.linear.columns(changed) - base) / steps)
+    def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
+        """Return the derivatives (N, q) by the unknowns of each new effect. Effects add, so each has its own."""
+        unknowns = self.unknowns[sum(one.columns.shape[1] for one in self.fitted.tangents) :]
+        return tuple(
+            self._slopes_of(effects[k], [unknown for unknown in unknowns if unknown.effect == k])
+            for k in range(len(self.fitted.effects), len(effects))
+        )
+
+    def _slopes_of(self, effect: Any, unknowns: Sequence[Unknown]) -> Response:
+        """Return the derivatives (N, q) of an effect, or of the latest one near it, by its unknowns."""
+
+        def compute() -> Array:
+            steps = np.array([_step(effect, unknown) for unknown in unknowns])
+            changed = [
+                effect.model_copy(update={u.field: float(getattr(effect, u.field)) + step})
+                for u, step in zip(unknowns, steps, strict=True)
+            ]
+            columns = self.linear.columns([effect, *changed])
+            slopes: Array = (columns[:, 1:] - columns[:, :1]) / steps
+            return slopes
+
+        return self.linear.near.of("slopes", effect, _steps_nearby(effect, unknowns), compute)
 
     def _turned(self, x: Array) -> Array:
         """Return values (q,) with phases from -180 to 180 degrees."""

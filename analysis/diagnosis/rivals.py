@@ -9,7 +9,8 @@ import numpy as np
 
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
-from analysis.diagnosis.worth import LEAST_MATERIAL_UM, worth
+from analysis.diagnosis.worth import Worth, worth
+from analysis.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of
 
 _NEAR = 6.0
@@ -37,19 +38,22 @@ class RivalOdds:
     healthy_odds: float = 0.0
 
 
-def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
+def compare_with_rivals(
+    selection: Selection, state: SelectionState, limits: Array
+) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
     """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
     evidence replaces the fault, and the search continues from there.
 
-    An effect of healthy size, or one that changes no reading, has no rivals, because it is not reported as a fault.
+    An effect of healthy size, or one that changes readings by no more than the limits (b,) µm, has no rivals, because
+    it is not reported as a fault.
     """
-    state = without_needless_names(selection, state)
+    state = without_needless_names(selection, state, limits)
     swapped: set[int] = set()
     compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
         compared = []
         for place in range(len(state.refined.effects)):
-            is_reported = state.is_fault(place) and _moves(selection, state, place)
+            is_reported = state.is_fault(place) and _worth(selection, state, place).is_material(limits)
             one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
             compared.append(one)
             if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
@@ -63,8 +67,9 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
     return state, tuple(compared)
 
 
-def without_needless_names(selection: Selection, state: SelectionState) -> SelectionState:
-    """Return the state without the faults that do not pay once everything else is fitted again without them.
+def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
+    """Return the state without the faults that do not pay once everything else is fitted again without them; those that
+    change readings by no more than the limits (b,) µm are not tried.
 
     A name that was added while a large fault was not fitted closely yet may have taken up what that left, and then
     keeps it from its place. The fault of largest worth is not tried: the others are beside it.
@@ -72,27 +77,22 @@ def without_needless_names(selection: Selection, state: SelectionState) -> Selec
     state = selection.settled(state)
     tried: set[str] = set()
     while True:
-        um = {k: _most_um(selection, state, k) for k in range(len(state.refined.effects)) if state.is_fault(k)}
-        names = {k: label_of(state.refined.effects[k]) for k in sorted(um, key=lambda k: um[k])[:-1]}
-        place = next((k for k, name in names.items() if name not in tried and um[k] > LEAST_MATERIAL_UM), None)
+        of = {k: _worth(selection, state, k) for k in range(len(state.refined.effects)) if state.is_fault(k)}
+        names = {k: label_of(state.refined.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
+        place = next((k for k, name in names.items() if name not in tried and of[k].is_material(limits)), None)
         if place is None:
             return state
         tried.add(names[place])
         whole = selection.evidence(state)
-        rest = selection.settled(selection.without(state, place), whole)
+        rest = selection.settled(selection.without(state, place), least=whole)
         if selection.evidence(rest) > whole:
             state = selection.refusing(rest, state.refined.effects[place], state.origins[place])
 
 
-def _moves(selection: Selection, state: SelectionState, place: int) -> bool:
-    """Return whether an effect could be material."""
-    return _most_um(selection, state, place) > LEAST_MATERIAL_UM
-
-
-def _most_um(selection: Selection, state: SelectionState, place: int) -> float:
-    """Return the worth in µm of an effect in the test that shows most of it."""
+def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
+    """Return the worth of an effect beside the others."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
-    return float(worth(selection.linear, change).um.max())
+    return worth(selection.linear, change)
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:

@@ -68,7 +68,7 @@ class SearchResult:
     @property
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
-        free = self.state.refined.free
+        free = self.state.refined.free.columns
         share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
         return share
 
@@ -78,8 +78,11 @@ class SearchResult:
         return self.linear.without_set_up(self.state.refined.residual)
 
 
-def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm."""
+def search(
+    runs: Sequence[ObservedRun], progress: Callable[[str], None], tolerance_um: float | None = None
+) -> SearchResult:
+    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
+    change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     known: tuple[Effect, ...] = ()
     setups = fit_run_setups(_first_of_each(runs))[0]
     for turn in range(_ITERATIONS):
@@ -91,7 +94,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state)
+            state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
             if is_last or selection.holds_for(state):
                 break
         known = state.refined.effects

@@ -24,7 +24,7 @@ from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_alike, is_same, is_twice, series_among
-from analysis.diagnosis.settling import settled
+from analysis.diagnosis.settling import beginnings, settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
@@ -62,9 +62,9 @@ _MARGIN = 1.2
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
-_BEGUN = 3
-"""Rounds of the fits from several beginnings, of which only the likeliest goes on. Chosen: in a case for development
-the first two rounds gained nearly all that a fit gained."""
+_FEW = 3
+"""Rounds of fits that are followed by others: those from several beginnings, of which only the likeliest goes on, and
+those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class Selection:
                         may_stop = stops and with_free_form is None and self._is_new(changed.refined.effects[-1])
                         if may_stop and not self.holds_for(changed):
                             return changed, None
-                        changed = self.settled(changed)
+                        changed = self.settled(*beginnings(changed))
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
                 if changed is None:
                     break
@@ -345,7 +345,7 @@ class Selection:
         tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
         if len(effects) > 1:
-            begun = [self._with_effect(state, effect, k, _BEGUN) for effect in effects]
+            begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
             effects = [self._likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)
 
@@ -353,21 +353,23 @@ class Selection:
         """Return the largest log evidence of some states, and the first state that has it."""
         return max(((self.evidence(one), one) for one in tried), key=lambda both: both[0])
 
-    def _with_effect(self, state: SelectionState, effect: Effect, k: int, rounds: int = ROUNDS) -> SelectionState:
-        """Return the state with one more effect, which comes from form k, fitted in at most so many rounds."""
-        effects = (*state.refined.effects, effect)
+    def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
+        """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
+        effects, rounds = (*state.refined.effects, effect), _FEW if begins else ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
-        return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined, rounds=rounds))
+        background = self.background(bare)
+        refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
+        return replace(bare, refined=refined)
 
-    def settled(self, state: SelectionState, least: float = -np.inf) -> SelectionState:
-        """Return the state with all effects and the noise fitted until its evidence hardly rises, or could hardly reach
-        the log evidence `least`."""
-        return settled(state, self._refitted, self._renewed, self.evidence, least)
+    def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
+        """Return the likeliest state that is reached from some states when all effects and the noise are fitted until
+        the evidence hardly rises, or could hardly reach the log evidence `least`."""
+        return settled(begins, lambda state: self._refitted(state, _FEW), self._renewed, self.evidence, least)
 
-    def _refitted(self, state: SelectionState) -> SelectionState:
-        """Return the state with all effects fitted together."""
+    def _refitted(self, state: SelectionState, rounds: int = ROUNDS) -> SelectionState:
+        """Return the state with all effects fitted together in at most so many rounds."""
         free = np.concatenate(
             [np.empty((len(self.linear.y), 0)), *(one.form.columns for one in state.free_forms)], axis=1
         )
-        refined = refine(self.linear, self.background(state), state.refined.effects, free=free)
+        refined = refine(self.linear, self.background(state), state.refined.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

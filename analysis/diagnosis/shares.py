@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.diagnosis import Share
+from analysis.diagnosis.response import Response
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.worth import worth
 from analysis.kinematics.arm import Array
@@ -82,5 +83,11 @@ def _beside_size(result: SearchResult, k: int) -> Posterior:
     kept = np.ones(len(known.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
     precision = known.precision[np.ix_(kept, kept)]
-    terms = replace(known, T=known.T[:, kept], precision=precision, mean=known.mean[kept], held=known.held[kept])
+    terms = replace(
+        known,
+        responses=(Response(known.T[:, kept]),),
+        precision=precision,
+        mean=known.mean[kept],
+        held=known.held[kept],
+    )
     return Posterior(result.posterior.background, terms)

@@ -9,6 +9,7 @@ import pytest
 
 from analysis.diagnosis.background import FittedTerms, Posterior, background_of
 from analysis.diagnosis.columns import LARGEST_FAULT, Form, fault_sizes
+from analysis.diagnosis.response import Response
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
 
@@ -43,7 +44,7 @@ C = _covariance(VARIANCE)
 
 @cache
 def _posterior() -> Posterior:
-    return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), T, PRECISION, MEAN, np.full(2, np.nan)))
+    return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), (Response(T),), PRECISION, MEAN, np.full(2, np.nan)))
 
 
 def _log_density(y: Array, covariance: Array) -> float:
@@ -56,14 +57,23 @@ def _with_known(variance: Array) -> Array:
     return _covariance(variance) + T @ np.linalg.inv(PRECISION) @ T.T
 
 
-def test_solving_and_determinant_are_those_of_the_dense_covariance() -> None:
-    np.testing.assert_allclose(
-        BACKGROUND.solved(BACKGROUND.weighed(Y[:, None]))[:, 0], np.linalg.solve(C, Y), atol=1e-9
-    )
-    np.testing.assert_allclose(BACKGROUND.solved(BACKGROUND.weighed(T)), np.linalg.solve(C, T), atol=1e-9)
+def test_products_and_determinant_are_those_of_the_dense_covariance() -> None:
+    both, wanted = np.column_stack([T, Y]), np.column_stack([T, Y]).T @ np.linalg.solve(C, np.column_stack([T, Y]))
+    weighed = BACKGROUND.weighed(both)
+    np.testing.assert_allclose(weighed.products(weighed), wanted, atol=1e-9)
     assert BACKGROUND.logdet == pytest.approx(np.linalg.slogdet(C)[1])
     dense = np.diag(VARIANCE) - np.diag(VARIANCE) @ X.T @ np.linalg.solve(C, X @ np.diag(VARIANCE))
     np.testing.assert_allclose(BACKGROUND.covariance, dense, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.3])
+def test_a_response_has_the_same_products_in_every_background(scale: float) -> None:
+    """Its products are kept, and the noise of another background weighs them anew: by band, and reading by reading."""
+    one, columns = Response(T), BACKGROUND.columns
+    for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
+        background = background_of(columns, weight, VARIANCE, EXPECTED)
+        found, wanted = background.weighed_responses([one], Y[:, None]), background.weighed(np.column_stack([T, Y]))
+        np.testing.assert_allclose(found.products(found), wanted.products(wanted), atol=1e-9)
 
 
 def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
@@ -95,7 +105,7 @@ def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal
     across = prior @ columns.T
     joint = prior - across @ np.linalg.solve(np.diag(1 / WEIGHT) + columns @ across, across.T)
     wanted = np.bincount(BAND, np.einsum("ni,ij,nj->n", columns, joint, columns))
-    found = BACKGROUND.posterior(FittedTerms(Y, terms, PRECISION, MEAN, np.full(2, np.nan))).spent
+    found = BACKGROUND.posterior(FittedTerms(Y, (Response(terms),), PRECISION, MEAN, np.full(2, np.nan))).spent
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
     np.testing.assert_allclose(BACKGROUND.spent, np.bincount(BAND, ((X @ BACKGROUND.covariance) * X).sum(axis=1)))
 
@@ -119,7 +129,7 @@ def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
 
 
 def test_the_evidence_is_the_density_of_the_readings() -> None:
-    known = FittedTerms(Y, T, PRECISION, MEAN, np.full(2, np.nan))
+    known = FittedTerms(Y, (Response(T),), PRECISION, MEAN, np.full(2, np.nan))
     assert BACKGROUND.evidence(known) == pytest.approx(_log_density(AWAY, _with_known(VARIANCE)))
 
 
@@ -140,7 +150,7 @@ def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
     background = background_of(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
     for sign, is_seen in ((1.0, True), (-1.0, False)):
         posterior = background.posterior(
-            FittedTerms(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0), np.empty(0))
+            FittedTerms(sign * 10 * X[:, 0], (), np.empty((0, 0)), np.empty(0), np.empty(0))
         )
         assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen
 

@@ -11,6 +11,7 @@ from analysis.diagnosis.background import FittedTerms, Posterior
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
 from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.response import Response
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import Array, healthy, no_background, white
 
@@ -23,7 +24,7 @@ def _beside(linear: Linearisation, left: Array, known: Array | None = None, more
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]
     return no_background(linear, more).posterior(
-        FittedTerms(left, T, 1e-6 * np.eye(q), np.zeros(q), np.full(q, np.nan))
+        FittedTerms(left, (Response(T),), 1e-6 * np.eye(q), np.zeros(q), np.full(q, np.nan))
     )
 
 

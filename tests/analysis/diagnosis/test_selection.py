@@ -171,8 +171,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
         return swaps[-1]
 
     # private: rivals that are likelier after every swap cannot be made of readings
-    monkeypatch.setattr("analysis.diagnosis.rivals._moves", lambda *_: True)
-    monkeypatch.setattr("analysis.diagnosis.rivals.without_needless_names", lambda _, state: state)
+    monkeypatch.setattr("analysis.diagnosis.rivals.without_needless_names", lambda _, state, limits: state)
     monkeypatch.setattr(
         "analysis.diagnosis.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
@@ -180,6 +179,6 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
     monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)
     monkeypatch.setattr(Selection, "select", likelier)
     monkeypatch.setattr(Selection, "evidence", lambda _, state: -state.level)
-    last, rivalries = compare_with_rivals(selection, first)
+    last, rivalries = compare_with_rivals(selection, first, np.zeros(len(healthy().blocks)))
     assert last is swaps[-1] and len(swaps) > 1
     assert [one.healthy_odds for one in rivalries] == [last.level] * 2

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
-from analysis.diagnosis.settling import settled
+from analysis.diagnosis.settling import beginnings, settled
 from tests.support.diagnosis_cells import healthy, healthy_columns
 
 
@@ -27,7 +27,7 @@ def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -n
         fits.append(replace(one, level=one.level + gain(len(fits))))
         return fits[-1]
 
-    best = settled(replace(state, level=0.0), fitted, lambda one: one, lambda one: one.level, least)
+    best = settled(beginnings(replace(state, level=0.0)), fitted, lambda one: one, lambda one: one.level, least)
     return len(fits), best.level
 
 
