@@ -83,6 +83,7 @@ def search(
 ) -> SearchResult:
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
+    before: tuple[Effect, ...] = ()
     known: tuple[Effect, ...] = ()
     setups = fit_run_setups(_first_of_each(runs))[0]
     for turn in range(_ITERATIONS):
@@ -90,14 +91,15 @@ def search(
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
-        state = selection.select(selection.fitted_again(selection.initial_state(known)), stops=turn < _STOPS)
+        begun = selection.fitted_again(selection.initial_state(known), before)
+        state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
             if is_last or selection.holds_for(state):
                 break
-        known = state.refined.effects
+        before, known = known, state.refined.effects
         setups = linear.setups_moved_by(linear.moves_with(known))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 

@@ -106,15 +106,17 @@ class Selection:
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
         return self._renewed(self._renewed(state))
 
-    def fitted_again(self, state: SelectionState) -> SelectionState:
-        """Return the state with each fault fitted again from the best form of its name, where that explains more.
+    def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:
+        """Return the state with each fault fitted again from the best form of its name, where that explains more,
+        unless it is alike to one of the effects `before`, which were.
 
         A shape that was found about set-ups elsewhere may be a local optimum: a spike of 0.18 s remained one of 0.05 s,
         most of which took four times as long.
         """
         place = 0
-        for _ in state.refined.effects:
-            tried = self._begun_again(state, place) if state.is_fault(place) else None
+        for effect in state.refined.effects:
+            was = any(is_alike(one, effect) for one in before)
+            tried = self._begun_again(state, place) if state.is_fault(place) and not was else None
             if tried is not None and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place
             else:
