@@ -17,6 +17,7 @@ from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same, is_twice
+from analysis.diagnosis.worth import worth
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
@@ -71,6 +72,19 @@ def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:
         assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
         assert getattr(_found(again)[name], "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
         assert getattr(_found(again)[name], "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_fault_that_was_fitted_again_before_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2)
+    selection = Selection(holding(healthy(), shown_by(healthy(), [first, second])), healthy_columns())
+    state, tried = selection.initial_state((first, second)), list[str]()
+
+    def never(_: Selection, of: SelectionState, place: int) -> None:
+        tried.append(name_of(of.refined.effects[place]))
+
+    monkeypatch.setattr(Selection, "_begun_again", never)  # private: what is fitted again does not show in a state
+    assert selection.fitted_again(state, (first.model_copy(update={"offset_deg": 0.3}),)) is state
+    assert tried == ["joint_offset 3"]
 
 
 def test_an_effect_is_twice_there_where_its_name_and_order_are() -> None:
@@ -158,6 +172,22 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
     one = rival_odds(selection, state, 0)
     assert [name_of(tried.refined.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
     assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)
+
+
+def test_what_moves_readings_less_than_the_limits_has_no_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    zero, linear, compared = JointOffset(axis=3, offset_deg=0.2), healthy(), list[str]()
+    selection = Selection(holding(linear, shown_by(linear, [zero]) + white(linear, 18)), healthy_columns())
+    state = selection.initial_state((zero,))
+
+    def odds(_: Selection, of: SelectionState, place: int) -> RivalOdds:
+        compared.append(name_of(of.refined.effects[place]))
+        return RivalOdds(1.0)
+
+    monkeypatch.setattr("analysis.diagnosis.rivals.rival_odds", odds)
+    for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
+        found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
+        assert [name_of(effect) for effect in found.refined.effects] == ["joint_offset 3"]
+        assert compared == ["joint_offset 3"] * (limit < 1)
 
 
 def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch: pytest.MonkeyPatch) -> None:
