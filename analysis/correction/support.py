@@ -48,7 +48,9 @@ def _support(effect: Effect) -> Support:
     if u >= abs(value) and effect.found and effect.found.together:
         alike = " and ".join(effect.found.together)
         return Support(effect, value, u, use, f"is known only together with {alike}: correct all or none of them")
-    return Support(effect, value, u, use, _HOW[use])
+    rivals = " or ".join(effect.found.rivals) if effect.found else ""
+    doubt = f"; the same runs show {rivals} as well: measure which it is first" * bool(rivals)
+    return Support(effect, value, u, use, _HOW[use] + doubt)
 
 
 def _why_not(effect: Effect, value: float, u: float) -> str:

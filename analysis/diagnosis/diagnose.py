@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
-from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs, doubts_of_targets
+from analysis.diagnosis.doubts import doubts_of_limits, doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.early_readings import early_readings
 from analysis.diagnosis.form_posterior import is_separable
 from analysis.diagnosis.link_swing import find_vibration
@@ -23,9 +23,17 @@ from analysis.diagnosis.residual_curves import curves_of, maps_of
 from analysis.diagnosis.residual_places import places
 from analysis.diagnosis.run_setups import with_effects
 from analysis.diagnosis.search import SearchResult, search
-from analysis.diagnosis.separating_tests import separating_tests
+from analysis.diagnosis.separating_tests import possible_tests, separating_tests
 from analysis.diagnosis.validation import gap, held_out_gains
-from analysis.diagnosis.verdict import ambiguous_names, named_effects, named_vibration, remainder_of, verdict_of
+from analysis.diagnosis.verdict import (
+    ambiguous_names,
+    named_effects,
+    named_vibration,
+    remainder_of,
+    verdict_of,
+    without_useless,
+)
+from analysis.diagnosis.wild_targets import without_wild
 from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
 from analysis.kinematics.arm import Array
@@ -33,6 +41,9 @@ from analysis.traces.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
+
+_FEW_TESTS = 3
+"""Further tests of which the reason is stated why the robot cannot drive them."""
 
 
 def diagnose(
@@ -57,19 +68,23 @@ def diagnose(
     _hold_enough(runs)
     result = search(runs, progress, tolerance_um)
     progress("validating on held-out runs")
+    effects = result.state.refined.effects
+    sound, wild = without_wild(runs, effects, "the runs used")
+    judges, wild_judges = without_wild(judges, effects, "held-out runs")
+    elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
     gaps = _Gaps(
-        gap(runs, result, _names(used)),
+        gap(sound, result, _names(used)),
         gap(judges, result, _names(held_out or used)) if judges else None,
         gap(elsewhere, result, _names(unseen)) if elsewhere else None,
     )
     limits = limits_um(result.linear, tolerance_um)
-    named = named_effects(result, runs, held_out_gains(result, judges), limits)
+    named = without_useless(named_effects(result, sound, held_out_gains(result, judges), limits), gaps.train)
     named += _vibrations(result, runs, tolerance_um, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     early = early_readings(result)
     found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
-    wild = doubts_of_targets(result.linear.blocks, result.linear.in_mm(result.posterior.residual))
-    doubts = [*placed, *early, *wild, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
+    doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *doubts_of_limits(named)]
+    doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, doubt = _next_test(rig, named, used, result)
@@ -104,7 +119,7 @@ def _diagnosis_of(
 ) -> Diagnosis:
     """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
     material, and `early` states whether poses were read before the joints came to rest."""
-    remainder, is_material = remainder_of(result, named, limits)
+    remainder, is_material = remainder_of(result, named, limits, gaps.train.before_um)
     verdict, why = verdict_of(result, named, remainder, limits, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)
@@ -159,7 +174,9 @@ def _next_test(
     except FileError as error:
         return None, [f"no further test is possible with this rig file: {error}"]
     if not candidates:
-        return None, ["no further test is possible with this rig file"]
+        impossible = possible_tests(rig, tests, linear.blocks, linear.setups, result.state.level)[1]
+        reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
+        return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
     if not is_separable(candidates[0].sigma):
         return None, [
             f"no other test separates {name_of(one.effect)} from its rivals: their corrections have the same effect"

@@ -83,8 +83,9 @@ class Named:
     `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
     whether this exceeds the scatter of one run or the tolerance given, for a fault that runs and set-ups bear out.
     `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run shows
-    it beyond the scatter of one run. `shares` states how much of it each set-up shows. `is_term` states whether it is
-    one of so many waves of a joint that they are the series of an error of another form.
+    it beyond the scatter of one run. `shares` states how much of it each set-up shows. `dismissed` states why it is not
+    material, and `is_term` whether it is one of so many waves of a joint that they are the series of an error of
+    another form.
     """
 
     effect: Effect
@@ -97,6 +98,7 @@ class Named:
     material: bool
     held_out_gain: float | None
     shares: tuple[Share, ...] = ()
+    dismissed: str = ""
     is_term: bool = False
 
     @property
@@ -115,6 +117,7 @@ class Named:
             "rivals": [rival.to_dict() for rival in self.rivals],
             "worth_um": self.worth_um,
             "material": self.material,
+            "dismissed": self.dismissed or None,
             "held_out_gain": self.held_out_gain,
             "contradicted": self.contradicted,
             "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},

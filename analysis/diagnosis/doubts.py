@@ -5,24 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from analysis.diagnosis.blocks import Block
+from analysis.diagnosis.diagnosis import Named
 from analysis.diagnosis.observed_run import ObservedRun
+from analysis.diagnosis.refine import size_limits
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.observation import rms
-from analysis.kinematics.arm import Array
-from analysis.noise.cell import TARGET_MM
-from analysis.traces.tables import CircleTable, PoseTable
+from analysis.traces.tables import CircleTable
 from rigs.rig import Rig
-from rigs.schema.effect import name_of
+from rigs.schema.effect import label_of, name_of, size_field
 
 _BETTER = 0.97
 """Ratio of the gap without an effect of the rig file to the gap with it, below which the effect is doubted. Chosen: 3 %
 of the rms is more than a refitted set-up gains by chance."""
-_SPREADS = 10.0
-"""Robust standard deviations from which a reading at a target is wild; they are taken to be at least the largest of
-real cells, 0.06 mm. Chosen: as for the sphere of a radial test."""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
@@ -34,7 +29,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     alone = [block.name for block in circles if block.measured and block.count < 2]
     if alone:
         doubts.append(f"{', '.join(alone)} was driven once: its noise is assumed equal to that of the other circles")
-    once = [block.name for block in blocks if not block.sampling and not block.measured]
+    once = dict.fromkeys(block.name for block in blocks if not block.sampling and not block.measured)
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
@@ -48,26 +43,22 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        doubts.append("no circle was given: effects that depend on speed or on reversals cannot be detected")
+        doubts.append(
+            "no circle was given: effects that depend on the speed, or on how a joint turns back, hardly show"
+        )
     return tuple(doubts)
 
 
-def doubts_of_targets(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[str, ...]:
-    """Return a message for each test at targets with readings far from all others, given what the model leaves of the
-    entries of each block, (N,) mm. No effect explains such readings."""
-    by_test: dict[str, list[Array]] = {}
-    for block, left in zip(blocks, left_mm, strict=True):
-        if not block.sampling and not isinstance(block.one.table, PoseTable):
-            by_test.setdefault(block.name, []).append(np.abs(left))
+def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
+    """Return a message for each material name whose size ended at the limit of a fit."""
     doubts = []
-    for name, parts in by_test.items():
-        far_mm = np.concatenate(parts)
-        wild = far_mm > _SPREADS * max(1.4826 * float(np.median(far_mm)), TARGET_MM.high)
-        if wild.any():
+    for one in names:
+        size = float(getattr(one.effect, size_field(one.effect)))
+        low, high = size_limits(one.effect)
+        if one.material and (size <= low < 0 or size >= high):
             doubts.append(
-                f"{wild.sum()} of {len(far_mm)} readings at the targets of {name} (means of repeats) are wild, up to "
-                f"{far_mm.max():.1f} mm off: check that the robot stands while it is read, that the clocks agree, "
-                "and that the plunger touches"
+                f"{label_of(one.effect)} ended at the limit of its size: something else is wrong as well, such as the "
+                "rig file, the cables of the gauges or a placement"
             )
     return tuple(doubts)
 

@@ -10,6 +10,7 @@ from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.fitting.observation import with_placement
 from analysis.fitting.placements import split_by_frame, with_enough_readings
 from analysis.model.predict import model_of
+from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, Table
 from rigs.errors import FileError
@@ -38,6 +39,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     for k in wrong:
         what = f"{names[k]} is left out: compared with its repeats, its gauges g1 and g2 are exchanged"
         doubts.insert(0, f"{what}; check the cables, or import it with the columns exchanged")
+    doubts += _exchanged([(names[k], runs[k]) for k in kept])
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
@@ -46,6 +48,19 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
         parts.append([own[k] for k in enough])
         doubts += too_few
     return parts, doubts
+
+
+def _exchanged(runs: Sequence[tuple[str, Measured]]) -> list[str]:
+    """Return a message where runs, given with their names, look as if all their gauges were exchanged alike: their
+    repeats do not show it."""
+    doubted = [name for name, run in runs if doubts_of_order(run.table, run.rig)]
+    if not doubted:
+        return []
+    more = f" and {len(doubted) - 1} more" * (len(doubted) > 1)
+    return [
+        f"g1 and g2 may be exchanged in {doubted[0]}{more}, where repeats cannot show it; every size would be wrong "
+        "then: press a probe to see which is which before anything is corrected"
+    ]
 
 
 def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:

@@ -322,10 +322,9 @@ class _Problem:
     def _limits_of(self, effect: Any, unknown: Unknown) -> tuple[float, float]:
         if unknown.field == PHASE:
             return -np.inf, np.inf
-        low, high = bounds(effect, unknown.field)
         if unknown.field == size_field(effect):
-            most = _MOST * healthy_size(effect)
-            return max(low, -most), min(high, most)
+            return size_limits(effect)
+        low, high = bounds(effect, unknown.field)
         # A shape stays near its plausible values, however long the first step is.
         reach = _FURTHEST * unknown.spread
         return max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
@@ -335,6 +334,12 @@ class _Problem:
         for unknown, value in zip(self.unknowns, x, strict=True):
             made[unknown.effect] = made[unknown.effect].model_copy(update={unknown.field: float(value)})
         return made
+
+
+def size_limits(effect: Effect) -> tuple[float, float]:
+    """Return the smallest and the largest size that a fit may give an effect, in the unit of its size."""
+    (low, high), most = bounds(effect, size_field(effect)), _MOST * healthy_size(effect)
+    return max(low, -most), min(high, most)
 
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:

@@ -84,7 +84,7 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
                 Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
             )
         for phi, joint, jump, sigma in _jumps(values, where, noise):
-            why = f"reversal: jumps by {1e3 * jump:.3g} µm"
+            why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
             found.append(
                 Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]

@@ -67,9 +67,9 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     without = posterior.residual[:, None] + posterior.left_of(at_mean)
     for k, shape in reversed(list(enumerate(shapes))):
         added = _in_each_width(linear, shape)
-        left = without - posterior.left_of(added)
+        left = without - posterior.left_of(Response(added))
         cost[k] = columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows])
-        alone = posterior.unexplained[:, None] + at_mean.columns - added.columns
+        alone = posterior.unexplained[:, None] + at_mean.columns - added
         energy = np.sum(linear.without_set_up(alone) ** 2, axis=0)
     beside, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
     if max(beside, by_itself) <= FAULT:
@@ -78,10 +78,10 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], by_itself)] * (by_itself != beside)]
 
 
-def _in_each_width(linear: Linearisation, shape: Effect) -> Response:
+def _in_each_width(linear: Linearisation, shape: Effect) -> Array:
     """Return what a play of one shape adds in each of the widths (N, w), the same however often it is tried."""
     every = [scaled(shape, float(width)) for width in _WIDTHS]
-    return linear.near.of("every width", shape, {}, lambda: linear.columns(every))
+    return linear.near.of("every width", shape, {}, lambda: linear.columns(every)).columns
 
 
 def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnosis.diagnosis import ODDS, Named, Remainder, Rival, Verdict
+from analysis.diagnosis.diagnosis import ODDS, Gap, Named, Remainder, Rival, Verdict
 from analysis.diagnosis.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.link_swing import FoundVibration
 from analysis.diagnosis.observed_run import ObservedRun
@@ -18,11 +18,13 @@ from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.selection_state import series_among
 from analysis.diagnosis.shares import sizes_by_setup
 from analysis.diagnosis.validation import gap_without_um
-from analysis.diagnosis.worth import Worth, plain_worth, worth
+from analysis.diagnosis.worth import LEAST_MATERIAL_UM, Worth, plain_worth, worth
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
-from rigs.schema.effect import label_of, name_of
+from rigs.schema.effect import label_of, name_of, size_field
 
+_MOST = 0.5
+"""Share of the energy of the gap above which what remains is larger than what names can explain."""
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
 a third of the readings."""
@@ -31,8 +33,15 @@ _HEALTHY = 0.05
 _LIKELY = 0.2
 """Odds among rivals below which a name is not material: three names with the same response have a third each, so each
 of them stays above it."""
+_SIGMA = 2.0
+"""Uncertainties of its size up to which a name is not material. With gauges that were exchanged in all runs a length of
+-23 ± 23 mm had odds above 99.9 %."""
 _CERTAIN = ODDS / (1 + ODDS)
 """Odds among rivals below which a name is ambiguous."""
+
+
+CONTRADICTED = "set-ups show different shares of it"
+SERIES = "one of so many waves of a joint that they describe an error of another form"
 
 
 def ambiguous_names(found: Sequence[Named]) -> list[Named]:
@@ -48,26 +57,52 @@ def named_effects(
     effects = result.state.refined.effects
     found = [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
     series = series_among(effects)
-    return [replace(one, material=False, is_term=True) if name_of(one.effect) in series else one for one in found]
+    return [
+        replace(one, material=False, dismissed=SERIES, is_term=True) if name_of(one.effect) in series else one
+        for one in found
+    ]
+
+
+def without_useless(found: Sequence[Named], train: Gap) -> list[Named]:
+    """Return names, none of them material where the calibrated model explains the runs used no better than without
+    them: they stand for something that is no effect, such as exchanged gauges."""
+    if train.calibrated_um < train.before_um:
+        return list(found)
+    words = "the model explains these runs no better with it"
+    return [replace(one, material=False, dismissed=words) if one.material else one for one in found]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:
-    """Return one name with its worth. A name that makes held-out runs worse, that a set-up contradicts, or that is no
-    larger than arms of this level show, is not material, whatever its worth."""
+    """Return one name with its worth, and why it is not material, if it is not."""
     effects, own_odds = result.state.refined.effects, result.rival_odds[k]
     own = worth(result.linear, result.contributions[k])
-    likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
-    material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
     sizes = sizes_by_setup(result, k, limits)
     ratio = sizes.birge_ratio()
     sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
+    dismissed = _dismissed(result, k, own, limits, gain)
+    size_of_it = size_field(effects[k])
+    if not dismissed and abs(getattr(effects[k], size_of_it)) <= _SIGMA * sd[size_of_it]:
+        dismissed = "its size is not known to half of itself"
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effects[k].compensation().use != "none"
     found = Named(
         effects[k], sd, own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
-        own.whole_um, material, gain, sizes.shares() if material and by_posture else (),
+        own.whole_um, not dismissed, gain, sizes.shares() if not dismissed and by_posture else (), dismissed,
     )  # fmt: skip
-    return replace(found, material=material and not found.contradicted)
+    return replace(found, material=False, dismissed=CONTRADICTED) if found.contradicted else found
+
+
+def _dismissed(result: SearchResult, k: int, own: Worth, limits: Array, gain: float | None) -> str:
+    """Return why a name is not material, whatever its size and its set-ups, or nothing if it is."""
+    odds = result.rival_odds[k]
+    reasons = (
+        (not result.state.is_fault(k), "no larger than healthy arms show"),
+        (not own.is_material(limits), "changes readings by less than one run scatters, or than --tolerance-um"),
+        (gain is not None and gain <= 0, "makes held-out runs worse"),
+        (odds.healthy_odds >= _HEALTHY, "a healthy arm may show it"),
+        (odds.odds <= _LIKELY, "a rival is likelier"),
+    )
+    return next((words for holds, words in reasons if holds), "")
 
 
 def _rivals(own_odds: RivalOdds) -> tuple[Rival, ...]:
@@ -90,9 +125,9 @@ def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list
     return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, True, None)]
 
 
-def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, and whether it exceeds the limits (b,) µm of a material name. What a name
-    explains that a set-up contradicts remains too."""
+def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, most_um: float) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, no more than the gap of `most_um`, and whether it exceeds the limits (b,) µm
+    of a material name. What a name explains that a set-up contradicts remains too."""
     imitating = [one for one in found if one.contradicted]
     effects = result.state.refined.effects
     imitated = sum(
@@ -105,11 +140,11 @@ def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array) ->
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
-    is_material = left.is_material(limits)
+    is_material = left.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
     words = (
         _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
     )
-    return Remainder(left.whole_um, share, words, healthy.whole_um), is_material
+    return Remainder(min(left.whole_um, most_um), share, words, healthy.whole_um), is_material
 
 
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
@@ -140,18 +175,18 @@ def verdict_of(
         return "not_testable_here", "these runs have too few readings to distinguish an effect from the set-up"
     material = [one for one in found if one.material]
     poses_alone = all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
-    explained_um = _explained_um(result, material)
-    is_outside = is_material and left.um > explained_um
+    # Names that cancel each other in part may be worth more than they explain: no more than the rest of the energy.
+    is_outside = is_material and (left.um > _explained_um(result, material) or left.share > _MOST)
     # Names that leave most of such a gap stand for the early readings too.
     unnamed = is_outside or not material
     if early and poses_alone and unnamed and worth(result.linear, result.initial_residual).is_material(limits):
         return "not_testable_here", "the poses were read before the joints came to rest: measure them again"
+    could_gain = left.healthy_um > float(result.scatter_limits_um.min())
+    gain = f"; a calibration could gain {left.healthy_um:.0f} µm" * could_gain
     if is_outside:
         beside = " beside the names listed" * bool(material)
-        return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}"
+        return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}{gain}"
     if not material:
-        least = float(result.scatter_limits_um.min())
-        gain = f"; a calibration could gain {left.healthy_um:.0f} µm" if left.healthy_um > least else ""
         return "within_tolerance", f"no effect exceeds the scatter and the errors of a healthy arm{gain}"
     if unsure := ambiguous_names(found):
         name = name_of(unsure[0].effect)

@@ -87,7 +87,7 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
     kept = [k for k, one in enumerate(observations) if one.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
-        raise FileError(f"set-up {setup}", why, "give more runs of it, or leave out less")
+        raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
     return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
 
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
 from rigs.errors import FileError
+from rigs.load import named_by
 from rigs.rig import Rig
 
 
-def feasible_tests(rig: Rig) -> list[str]:
-    """A line for each test. Raises FileError for a circle that the robot cannot drive, and for a target of the
-    repeatability test that the hemisphere does not have."""
-    return [*_circle(rig), *_hemisphere(rig)]
+def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
+    """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
+    rig; a repeatability test needs targets that the hemisphere has."""
+    lines, errors = [], []
+    for test in (_circle, _hemisphere):
+        try:
+            with named_by(file, rig):
+                lines += test(rig)
+        except FileError as error:
+            errors.append(error)
+    return lines, errors
 
 
 def _circle(rig: Rig) -> list[str]:
@@ -39,9 +49,5 @@ def _hemisphere(rig: Rig) -> list[str]:
     if hemisphere is None:
         return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
     repeatability_targets(rig)
-    named = f"hemisphere of {hemisphere.radius_mm:g} mm"
-    try:
-        program = radial_program(rig)
-    except FileError as error:
-        return [f"{named}: cannot be driven: {error.what}; {error.remedy}"]
+    named, program = f"hemisphere of {hemisphere.radius_mm:g} mm", radial_program(rig)
     return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]

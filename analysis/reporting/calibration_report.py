@@ -13,8 +13,9 @@ from rich.text import Text
 from analysis.fitting.calibration import Calibration
 from analysis.fitting.identifiability import parameter_label
 from analysis.measures.parameters import quantity_of
-from analysis.reporting.extended_rig import with_origin, write_extended
+from analysis.reporting.extended_rig import beside, with_origin, write_extended
 from analysis.reporting.wide_tables import whole
+from rigs.schema.vocabulary import CIRCLES
 
 
 def as_table(found: Calibration) -> RenderableType:
@@ -55,10 +56,10 @@ def _of_noise(found: Calibration) -> list[Text]:
     """What was taken for the noise of readings and the scatter from run to run, and where both are from."""
     lines = []
     for setup, noise in found.noise.items():
-        what = f"{setup}: readings are weighed with {1e3 * noise.sd_mm:.2g} µm, from the residuals of the fit and what "
-        what += "neighbours on a lap have in common"
+        what = f"{setup}: readings are weighed with {1e3 * noise.sd_mm:.1f} µm, from the residuals of the fit"
+        what += " and what neighbours on a lap have in common" * setup.startswith(CIRCLES)
         if noise.repeats:
-            what += f"; visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (standard deviation of one)"
+            what += f"; visits of one place differ by {1e3 * noise.repeats.sd_mm:.1f} µm (standard deviation of one)"
         lines.append(Text(what, style="dim"))
     if not found.gauges:
         return lines
@@ -70,10 +71,21 @@ def _of_noise(found: Calibration) -> list[Text]:
 
 
 def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) -> None:
-    """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
+    """The rig file with the fitted effects added, each with where it came from: where the joints were meanwhile, to a
+    hundredth of a degree, how its size goes with those of other effects, and which of those look like it. Raises
+    FileError where it exists.
+
+    Correlations keep five digits: of twins only the sum is known, by what they differ from -1.
+    """
     gap_um = (found.before_mm[0] * 1e3, found.after_mm[0] * 1e3)
+    joints_deg = found.covered and tuple((round(low, 2), round(high, 2)) for low, high in found.covered)
     effects = [
-        with_origin(one.effect, one.sd, runs, gap_um, found.covered, one.correlation, one.together)
+        beside(
+            with_origin(one.effect, runs, one.sd, gap_um),
+            joints_deg=joints_deg,
+            correlation={name: round(value, 5) for name, value in one.correlation.items()},
+            together=tuple(one.together),
+        )
         for one in found.effects
     ]
     write_extended(text, effects, output)

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.reporting.extended_rig import with_origin, write_extended
+from analysis.reporting.diagnosis_words import rival_names
+from analysis.reporting.extended_rig import beside, with_origin, write_extended
 from rigs.errors import FileError
 
 
@@ -37,7 +38,10 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     effects = [
-        with_origin(one.effect, one.sd, found.runs, (one.gap_without_um, found.train.after_um))
+        beside(
+            with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
+            rivals=tuple(rival_names(one)),
+        )
         for one in found.standing
     ]
     if not effects:

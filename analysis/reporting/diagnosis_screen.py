@@ -17,6 +17,7 @@ from analysis.reporting.diagnosis_words import (
     beside_size,
     closed,
     headline,
+    remedy,
     runs_of,
     shortened,
     size,
@@ -25,7 +26,7 @@ from analysis.reporting.diagnosis_words import (
     with_uncertainty,
 )
 from analysis.reporting.wide_tables import whole
-from rigs.schema.effect import name_of
+from rigs.schema.effect import label_of, name_of
 
 _COLOUR: dict[Verdict, str] = {
     "named": "bold green",
@@ -82,7 +83,7 @@ def _where(found: Diagnosis) -> list[RenderableType]:
 
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
-    beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if found.slight else []
+    beside = [Text(f"not material, {why}: {names}", style="dim") for why, names in _dismissed(found).items()]
     if apart := [one for one in found.contradicted if not one.is_term]:
         names = ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in apart)
         beside.append(Text(f"not the same at every place, so that something else looks like it: {names}", style="dim"))
@@ -106,8 +107,12 @@ def _missing(found: Diagnosis) -> list[RenderableType]:
     return [table, *([likeliest] if found.verdict == "ambiguous" else []), *beside]
 
 
-def _slight(found: Diagnosis) -> str:
-    return ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in found.slight)
+def _dismissed(found: Diagnosis) -> dict[str, str]:
+    """The names that are not material, with what each moves, by the reason."""
+    by_reason: dict[str, list[str]] = {}
+    for one in found.slight:
+        by_reason.setdefault(one.dismissed, []).append(f"{label_of(one.effect)} ({one.worth_um:.1f} µm)")
+    return {why: ", ".join(names) for why, names in by_reason.items()}
 
 
 def _gaps(found: Diagnosis) -> list[RenderableType]:
@@ -151,13 +156,15 @@ def _cannot(found: Diagnosis) -> list[RenderableType]:
         rest = len(names) - _MOST_NAMES
         told_all = shortened(names[:_MOST_NAMES]) + (f", and {rest} more" if rest > 0 else "")
         lines.append(
-            Text(f"not detectable by these tests, even at {LARGEST_FAULT:g} healthy sizes: {told_all}", style="dim")
+            Text(
+                f"not detectable by these tests, even at {LARGEST_FAULT:g} times healthy sizes: {told_all}", style="dim"
+            )
         )
     return list(lines)
 
 
 def _remedies(found: Diagnosis) -> list[RenderableType]:
-    return [Text(f"{name_of(one.effect)}: {one.remedy}") for one in found.standing if one.remedy]
+    return [Text(f"{label_of(one.effect)}: {remedy(one)}") for one in found.standing if one.remedy]
 
 
 def _next(found: Diagnosis) -> list[RenderableType]:

@@ -10,6 +10,7 @@ from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
+from rigs.schema.effect import name_of
 
 _WHOLE_LAP_DEG = 350.0
 _MOST = 0.5
@@ -51,6 +52,22 @@ def beside_size(one: Named) -> list[str]:
     ]
 
 
+def remedy(one: Named) -> str:
+    """What to do about a name, and which others it may be instead."""
+    others = " or ".join(rival_names(one))
+    return f"only if it is not {others}: {one.remedy}" if others else one.remedy
+
+
+def rival_names(one: Named) -> list[str]:
+    """The names of the rivals of a name that cannot be dismissed."""
+    return [name_of(rival.effect) for rival in likely_rivals(one)]
+
+
+def likely_rivals(one: Named) -> list[Rival]:
+    """The rivals of a name that cannot be dismissed."""
+    return [rival for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
+
+
 def sure(posterior: float) -> str:
     """A share of the evidence in percent, never more than is known."""
     if posterior > 0.999:
@@ -83,7 +100,7 @@ def _alternatives(found: Diagnosis) -> str:
     """Each name with those of its rivals that cannot be dismissed."""
     words = []
     for one in found.standing:
-        likely = [rival.effect for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
+        likely = [rival.effect for rival in likely_rivals(one)]
         words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
     return "; ".join(words)
 

@@ -13,21 +13,10 @@ from rigs.errors import FileError
 from rigs.extend import extended
 
 
-def with_origin(
-    effect: Effect,
-    sd: Mapping[str, float],
-    runs: Sequence[str],
-    gap_um: tuple[float, float],
-    joints_deg: Sequence[tuple[float, float]] | None = None,
-    correlation: Mapping[str, float] | None = None,
-    together: Sequence[str] = (),
-) -> Effect:
-    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed,
-    where the joints were meanwhile, how its size goes with those of other effects, and which
-    of those look like it.
+def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
+    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed.
 
-    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre, ranges to a hundredth of a degree: a
-    person reads this file. Correlations keep five digits: of twins only the sum is known, by what they differ from -1.
+    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre: a person reads this file.
     """
     before, after = gap_um
     origin = Found(
@@ -35,13 +24,16 @@ def with_origin(
         runs=tuple(runs),
         sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
         gap_um=(round(before, 3), round(after, 3)),
-        correlation={name: round(value, 5) for name, value in (correlation or {}).items()},
-        together=tuple(together),
-        joints_deg=joints_deg and tuple((round(low, 2), round(high, 2)) for low, high in joints_deg),
     )
     numbers = {field: value for field, value in effect if isinstance(value, float)}
     rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
     return effect.model_copy(update={"found": origin, **rounded})
+
+
+def beside(effect: Effect, **more: object) -> Effect:
+    """An effect whose origin says more: `rivals`, `together`, `correlation` or `joints_deg` of `Found`."""
+    origin = effect.found
+    return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=more)})
 
 
 def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:

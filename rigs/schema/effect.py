@@ -52,6 +52,8 @@ class Found(Part):
     """Correlation of the size with those of other effects of the same fit, by their names."""
     together: tuple[str, ...] = ()
     """Effects of the same fit that look like this one: only what they make up together is known."""
+    rivals: tuple[str, ...] = ()
+    """Effects that the same runs may show instead of this one: measure what separates them before it is corrected."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)
     """The lowest and the highest angle of each joint in those runs."""
 

@@ -47,7 +47,9 @@ ZERO = Named(
     True,
     0.88,
 )
-SMALL = replace(ZERO, worth_um=0.9, material=False, posterior=0.999, rivals=())
+SMALL = replace(
+    ZERO, worth_um=0.9, material=False, posterior=0.999, rivals=(), dismissed="no larger than healthy arms show"
+)
 PLACES = (
     Place("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
     Place("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.diagnosis import ODDS, Diagnosis, Named, Rival
-from analysis.reporting.diagnosis_words import headline, plain, size, sure
+from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
+from analysis.reporting.diagnosis_words import headline, likely_rivals, plain, remedy, size, sure
 from analysis.reporting.page.texts import Texts
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -39,8 +39,7 @@ def findings_of(found: Diagnosis, texts: Texts) -> list[Finding]:
 
 
 def _finding(found: Diagnosis, one: Named, texts: Texts) -> Finding:
-    likely = [rival for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
-    others = " · ".join(_said(found.rig, rival.effect, rival, texts) for rival in likely)
+    others = " · ".join(_said(found.rig, rival.effect, rival, texts) for rival in likely_rivals(one))
     before, after = found.train.before_um, found.train.after_um
     worth = texts("worth", worth=micrometres(one.worth_um))
     if len(found.standing) == 1:
@@ -50,7 +49,7 @@ def _finding(found: Diagnosis, one: Named, texts: Texts) -> Finding:
         where=_where(found, one, texts),
         share=_share(found, one, texts),
         rivals=texts("rivals", others=others) if others else "",
-        remedy=one.remedy,
+        remedy=remedy(one),
         worth=worth,
         sure=texts("sure", share=sure(one.posterior)),
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from rigs.errors import CellError, FileError, RigError
+from rigs.load import load
 from tests.support.command_line import ended
 
 ROOT = Path(__file__).parents[3]
@@ -46,6 +47,19 @@ def test_the_table_has_every_code_of_the_programs_and_no_other() -> None:
 def test_no_other_page_has_such_a_table() -> None:
     tables = [page for page in ROOT.glob("docs/**/*.md") if re.search(r"^\| 130 \|", page.read_text(), re.M)]
     assert [page.name for page in tables] == ["command-line.md"], "130 is the code of Ctrl-C, in every such table"
+
+
+def test_a_test_that_cannot_be_driven_costs_only_its_own_part(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = load("ur10e")[1]
+    hemisphere = text[text.index("  hemisphere:") :]
+    far = tmp_path / "far.yaml"
+    far.write_text(text.replace(hemisphere, re.sub(r"centre_mm: .*", "centre_mm: [9000, 0, 0]", hemisphere, count=1)))
+    assert ended("check", far) == 3
+    shown = capsys.readouterr()
+    assert "far.yaml: valid, but not all tests can be driven" in shown.out and "circle of 70 mm: reachable" in shown.out
+    assert shown.err.startswith(f"error: {far}, ") and "poses" in shown.err and shown.err.count("\n") == 1
 
 
 def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

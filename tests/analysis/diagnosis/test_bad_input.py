@@ -9,10 +9,11 @@ import pytest
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.diagnosis.neighbourhoods import folds_of
 from analysis.diagnosis.prepared_runs import prepare_runs
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, RadialTable
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -120,9 +121,8 @@ def test_targets_that_are_read_while_the_robot_moves_are_counted() -> None:
     left[::9] += 7.0
     found = found_in([measured(replace(table, g_mm=left), "radial", "radial")])
     (doubt,) = [doubt for doubt in found.doubts if "wild" in doubt]
-    assert doubt.startswith(
-        f"{len(left[::9])} of {len(left)} readings at the targets of radial (means of repeats) are wild, up to 7."
-    )
+    assert doubt.startswith(f"{len(left[::9])} of {len(left)} readings at the targets of radial are wild, up to 7.")
+    assert found.train.after_um < 500, "they do not judge the model"
     sound = found_in([measured(table, "radial", "radial")])
     assert not _has_doubt(sound, "wild")
 
@@ -157,6 +157,31 @@ def test_poses_name_a_zero_that_is_off() -> None:
     assert found.verdict == "named" and [name_of(one.effect) for one in found.effects] == ["joint_offset 3"]
     one = found.effects[0]
     assert abs(getattr(one.effect, "offset_deg", 0.0) - 0.2) < 4 * one.sd["offset_deg"]
+
+
+@pytest.mark.parametrize("held_out", [True, False])
+def test_a_wild_pose_is_counted_and_judges_no_name(held_out: bool) -> None:
+    """One in 120 that is 25 mm off, among those used or in the neighbourhoods that are held out."""
+    truth = JointOffset(axis=3, offset_deg=0.2)
+    run = poses(2, truth)
+    table = run.table
+    assert isinstance(table, PoseTable)
+    row = int(np.flatnonzero((folds_of(table.q, 5) == 0) == held_out)[3])
+    wild = table.xyz_mm.copy()
+    wild[row, 0] += 25.0
+    found = found_in([replace(run, table=replace(table, xyz_mm=wild))])
+    assert found.verdict == "named" and [name_of(one.effect) for one in found.standing] == ["joint_offset 3"]
+    assert abs(getattr(found.effects[0].effect, "offset_deg", 0.0) - 0.2) < 0.01
+    use = "held-out runs" if held_out else "the runs used"
+    (doubt,) = [doubt for doubt in found.doubts if "wild" in doubt]
+    assert doubt.startswith("1 of ") and f"and not counted in the rms of {use}" in doubt
+    assert "poses of pose is wild, up to 2" in doubt
+    assert found.held_out and max(found.held_out.after_um, found.train.after_um) < 500
+
+
+def test_nothing_is_outside_the_library_where_nothing_is_tolerated_and_nothing_is_left() -> None:
+    found = diagnose(RIG, circles(seed=39), [], [], lambda doing: None, tolerance_um=0.0)
+    assert found.verdict != "outside_library"
 
 
 def test_runs_about_two_balls_have_two_set_ups() -> None:

@@ -55,3 +55,14 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
         doubt.startswith("yaw-cw-2 is left out: compared with its repeats, its gauges g1 and g2 are exchanged")
         for doubt in found.doubts
     )
+
+
+def test_an_exchange_in_all_runs_is_doubted_and_makes_no_name() -> None:
+    """Repeats do not show it and no effect explains it, so nothing may be corrected by what resembles it."""
+    runs = circles((PLAY,), seed=44)
+    found = found_in(_with_swaps(runs, range(len(runs))))
+    assert found.doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
+    assert found.remainder.um <= found.train.before_um * 1.001
+    assert not found.standing or found.train.calibrated_um < found.train.before_um
+    sound = found_in(runs)
+    assert not any("may be exchanged" in doubt for doubt in sound.doubts)

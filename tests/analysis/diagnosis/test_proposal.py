@@ -115,7 +115,7 @@ def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Prop
     for path, one in zip(written, proposed.circles, strict=True):
         rig, text = load(path)
         assert rig.tests == one.candidate.rig.tests and rig.robot.tool == one.candidate.rig.robot.tool
-        assert feasible_tests(rig)[0].startswith("circle of")
+        assert feasible_tests(rig, rig.name)[0][0].startswith("circle of")
         assert "# The set-up that explains Table 1 of Oh 2019" in text
     with pytest.raises(FileError, match="exists already"):
         write(proposed, TEXT, tmp_path / "circles")

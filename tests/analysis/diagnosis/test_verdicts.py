@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import date
 
 import pytest
@@ -14,8 +15,10 @@ from analysis.diagnosis import search as engine
 from analysis.diagnosis import selection_state
 from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.diagnose import diagnose
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.diagnosis.diagnosis import Diagnosis, Named
+from analysis.diagnosis.doubts import doubts_of_limits
 from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.verdict import without_useless
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.simulation.simulate import simulate
 from rigs.effects import (
@@ -188,3 +191,19 @@ def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.Mon
     found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
     assert found.verdict == "ambiguous" and found.next_test is None
     assert any("cannot reach" in doubt for doubt in found.doubts)
+
+
+def test_names_with_which_the_model_explains_no_more_are_not_material() -> None:
+    (one,) = (found := found_in(circles(HIDDEN["joint_offset 3"], seed=14))).standing
+    assert without_useless([one], found.train) == [one]
+    (useless,) = without_useless([one], replace(found.train, calibrated_um=found.train.before_um))
+    assert not useless.material and useless.dismissed
+
+
+def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
+    one = Named(JointOffset(axis=3, offset_deg=2.4), {}, 1.0, (), 1.0, "", 500.0, True, None)
+    assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of its size")
+    inside = replace(one, effect=JointOffset(axis=3, offset_deg=2.3))
+    assert doubts_of_limits([inside, replace(one, material=False)]) == ()
+    # A play cannot be narrower than none.
+    assert doubts_of_limits([replace(one, effect=Backlash(axis=1, width_deg=0.0))]) == ()

@@ -61,7 +61,7 @@ def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_ju
     usual = reversals(circle_of(rig), arm_of(rig.robot), "ur10e")
     assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
     np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
-    assert len(feasible_tests(turned)) > 1
+    assert len(feasible_tests(turned, "cell.yaml")[0]) > 1
 
 
 def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from analysis.correction.support import supports
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, ResidualBand, Verdict
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
@@ -20,7 +21,7 @@ from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.reporting.diagnosis_words import closed, headline, plain, shortened, size, stretch, sure
-from rigs.effects import VOCABULARY, LinkGeometry
+from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_diagnosis import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
@@ -104,9 +105,22 @@ def test_a_small_remainder_is_not_called_most(share: float, said: str) -> None:
     assert headline(found).startswith(said)
 
 
-def test_what_is_too_small_to_matter_is_below_the_names() -> None:
-    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL)), width=120).split())
-    assert "too small to matter: joint_offset 5 (0.9 µm)" in text and text.count("re-master axis 5") == 0
+def test_what_is_not_material_is_below_the_names_with_the_reason() -> None:
+    wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), dismissed="makes it worse")
+    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL, wave)), width=160).split())
+    assert "not material, no larger than healthy arms show: joint_offset 5 (0.9 µm)" in text
+    assert "not material, makes it worse: transmission_error 1 order 60 (0.9 µm)" in text
+    assert text.count("re-master axis 5") == 0
+
+
+def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) -> None:
+    found = diagnosis("ambiguous", effects=(ZERO,))
+    text = " ".join(_printed(found, width=160).split())
+    assert "only if it is not link_geometry 5.a: re-master axis 5" in text
+    *_, rig_file = write(found, TEXT, tmp_path / "found")
+    (effect,) = load(rig_file)[0].effects
+    assert effect.found and effect.found.rivals == ("link_geometry 5.a",)
+    assert "the same runs show link_geometry 5.a as well" in supports(load(rig_file)[0])[0].reason
 
 
 def test_the_screen_stays_short_when_there_is_much() -> None:

@@ -59,6 +59,11 @@ class RealCase:
         very = [one for one in hidden if one["name"] == name]
         return next(iter(very + [one for one in hidden if name in one["class"]]), None)
 
+    def said(self, name: str) -> str:
+        """The fault that a name stands for, or the name itself where it stands for none."""
+        fault = self.fault_of(name)
+        return name if fault is None else str(fault["name"])
+
     def _is_large(self, name: str) -> bool:
         own = [one for one in self.truth["background"] if one["name"] == name]
         return any(abs(size_of(one)) >= FAULTY * one["healthy"] for one in own)
@@ -229,7 +234,7 @@ def _rates(cases: Sequence[RealCase]) -> Row:
     by_seed: dict[int, list[tuple[str, frozenset[str]]]] = {}
     for case in cases:
         if case.kind.startswith("rate_"):
-            said = case.answer.verdict, frozenset(named.name for named in case.material)
+            said = case.answer.verdict, frozenset(case.said(named.name) for named in case.material)
             by_seed.setdefault(case.truth["seed"], []).append(said)
     groups = [said for said in by_seed.values() if len(said) > 1]
     return counted("50, 500, 4000 Hz: same verdict and names", 0.98, sum(len(set(g)) == 1 for g in groups), len(groups))

@@ -28,8 +28,9 @@ REPEATS = 3
 _STEP_RAD = 1e-6
 LEAST_SNR = 7.0
 _BY_SETUP = ("time_lag", "clock_rate", "gauge_scale", "gauge_inclination", "gauge_baseline", "gauge_cyclic",
-             "gauge_dead_band", "ball_form")  # fmt: skip
-"""Effects that show only as far as the readings change, so with the eccentricity of the set-up."""
+             "gauge_dead_band", "ball_form", "link_geometry")  # fmt: skip
+"""Effects that show only as far as the readings change, so with the eccentricity of the set-up; and lengths, of which
+those along parallel axes show the same: about another ball they would not."""
 
 
 @dataclass(frozen=True)
