@@ -126,8 +126,8 @@ def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list
 
 
 def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, most_um: float) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, no more than the gap of `most_um`, and whether it exceeds the limits (b,) µm
-    of a material name. What a name explains that a set-up contradicts remains too."""
+    """Return what remains beyond the noise, at most the gap `most_um`, and whether it exceeds the limits (b,) µm of a
+    material name. What a name explains that a set-up contradicts remains too."""
     imitating = [one for one in found if one.contradicted]
     effects = result.state.refined.effects
     imitated = sum(
