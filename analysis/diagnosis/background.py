@@ -330,12 +330,12 @@ class Posterior:
         precision: Array = own.products(own) - known.T @ self.known_covariance @ known
         return precision, left
 
-    def left_of(self, response: Response) -> Array:
-        """Return what everything else leaves of a response (N, k) that is added to the readings."""
-        own = self.background.weighed_responses([response])
+    def left_of(self, columns: Array) -> Array:
+        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        own = self.background.weighed(columns)
         known = self.known_covariance @ self._weighed.products(own)[:-1]
         taken = self.background.taken(own) - self._taken[:, :-1] @ known
-        left: Array = response.columns - self.terms.T @ known - self.background.columns.X @ taken
+        left: Array = columns - self.terms.T @ known - self.background.columns.X @ taken
         return left
 
     def size(self, form: Form) -> Array:

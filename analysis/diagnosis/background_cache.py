@@ -13,7 +13,8 @@ from rigs.effects import Effect
 from rigs.schema.effect import name_of
 
 _KEPT = 12
-"""Number of backgrounds that are cached, at some 8 MB each: about as many as one round of a search returns to."""
+"""Number of backgrounds that are cached, at some 20 MB each with what they have weighed (1000 columns and 150 terms of
+4600 entries): about as many as one round of a search returns to."""
 _GRAMS = 4
 """Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
 

@@ -23,7 +23,7 @@ from analysis.diagnosis.residual_curves import curves_of, maps_of
 from analysis.diagnosis.residual_places import places
 from analysis.diagnosis.run_setups import with_effects
 from analysis.diagnosis.search import SearchResult, search
-from analysis.diagnosis.separating_tests import possible_tests, separating_tests
+from analysis.diagnosis.separating_tests import possible_tests, separating
 from analysis.diagnosis.validation import gap, held_out_gains
 from analysis.diagnosis.verdict import (
     ambiguous_names,
@@ -79,11 +79,12 @@ def diagnose(
     )
     limits = limits_um(result.linear, tolerance_um)
     named = without_useless(named_effects(result, sound, held_out_gains(result, judges), limits), gaps.train)
+    at_limits = doubts_of_limits(named)
     named += _vibrations(result, runs, tolerance_um, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     early = early_readings(result)
     found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
-    doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *doubts_of_limits(named)]
+    doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
@@ -170,11 +171,11 @@ def _next_test(
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
     rivals, linear = (one.effect, one.rivals[0].effect), result.linear
     try:
-        candidates = separating_tests(rig, rivals, tests, linear.blocks, linear.setups, result.state.level)
+        possible, impossible = possible_tests(rig, tests, linear.blocks, linear.setups, result.state.level)
     except FileError as error:
         return None, [f"no further test is possible with this rig file: {error}"]
+    candidates = separating(possible, rivals)
     if not candidates:
-        impossible = possible_tests(rig, tests, linear.blocks, linear.setups, result.state.level)[1]
         reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
         return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
     if not is_separable(candidates[0].sigma):

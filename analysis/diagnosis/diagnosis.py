@@ -140,7 +140,8 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 @dataclass(frozen=True)
 class Remainder:
     """What remains beyond the noise after the names and a healthy arm's share of every effect, with what contradicted
-    names explain: its rms in µm, its share of the gap's energy, and a description. `healthy_um` is the rms of the
+    names explain: its rms in µm, at most the gap, its share of the gap's energy, in which every test has the same
+    weight, and a description. `healthy_um` is the rms of the
     healthy share, which a calibration could remove."""
 
     um: float

@@ -92,6 +92,7 @@ def search(
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(known), before)
+        before = begun.faults_among(begun.refined.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
@@ -99,7 +100,7 @@ def search(
             state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
             if is_last or selection.holds_for(state):
                 break
-        before, known = known, state.refined.effects
+        known = state.refined.effects
         setups = linear.setups_moved_by(linear.moves_with(known))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 

@@ -23,7 +23,7 @@ from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, 
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, is_alike, is_same, is_twice, series_among
+from analysis.diagnosis.selection_state import SelectionState, is_alike, is_one, is_same, is_twice, series_among
 from analysis.diagnosis.settling import beginnings, settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
@@ -108,14 +108,14 @@ class Selection:
 
     def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:
         """Return the state with each fault fitted again from the best form of its name, where that explains more,
-        unless it is alike to one of the effects `before`, which were.
+        except the faults `before`, which were.
 
         A shape that was found about set-ups elsewhere may be a local optimum: a spike of 0.18 s remained one of 0.05 s,
         most of which took four times as long.
         """
         place = 0
         for effect in state.refined.effects:
-            was = any(is_alike(one, effect) for one in before)
+            was = any(is_one(one, effect) for one in before)
             tried = self._begun_again(state, place) if state.is_fault(place) and not was else None
             if tried is not None and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place

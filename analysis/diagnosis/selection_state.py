@@ -82,10 +82,16 @@ def is_alike(one: Effect, effect: Effect) -> bool:
     return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
 
 
+def is_one(one: Effect, other: Effect) -> bool:
+    """Return whether two effects, of any size and shape, are one: of the same name and, for waves, the same order."""
+    apart = abs(order_of(one) - order_of(other))
+    return name_of(one) == name_of(other) and not apart >= _SAME_ORDER
+
+
 def is_twice(effects: Sequence[Effect]) -> bool:
     """Return whether the last of some effects is the wave of one before it: of the same name and order."""
     *others, last = effects
-    return any(name_of(one) == name_of(last) and abs(order_of(one) - order_of(last)) < _SAME_ORDER for one in others)
+    return any(is_one(one, last) for one in others if np.isfinite(order_of(one)))
 
 
 def series_among(effects: Sequence[Effect]) -> frozenset[str]:

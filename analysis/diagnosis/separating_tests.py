@@ -58,11 +58,15 @@ def separating_tests(
     """
     if len(effects) < 2:
         return ()
+    return separating(possible_tests(rig, tests, blocks, setups, level, runs)[0], effects)
+
+
+def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
+    """Return possible tests with the sigmas by which they separate the two closest of some effects, the best first."""
+    pairs = list(permutations(effects, 2))
     found = [
-        SeparatingTest(
-            one.test, min(one.expected.separation_sigma([a], phases(b)) for a, b in permutations(effects, 2)), one.why
-        )
-        for one in possible_tests(rig, tests, blocks, setups, level, runs)[0]
+        SeparatingTest(one.test, min(one.expected.separation_sigma([a], phases(b)) for a, b in pairs), one.why)
+        for one in possible
     ]
     return best_first(found)
 

@@ -14,7 +14,6 @@ import numpy as np
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, order_of
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.response import Response
 from analysis.diagnosis.selection_state import FAULT, combined_effect, is_same
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
@@ -62,20 +61,18 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     shapes = [healthy(shape) for shape in (expected, *tried)]
     # The background expects some of this play, which the tried one replaces.
     own = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
-    at_mean = Response((columns.X[:, own] @ posterior.background.mean[own])[:, None])
+    at_mean = columns.X[:, own] @ posterior.background.mean[own]
     cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
-    without = posterior.residual[:, None] + posterior.left_of(at_mean)
     for k, shape in reversed(list(enumerate(shapes))):
-        added = _in_each_width(linear, shape)
-        left = without - posterior.left_of(Response(added))
+        added = _in_each_width(linear, shape) - at_mean[:, None]
+        left = posterior.residual[:, None] - posterior.left_of(added)
         cost[k] = columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows])
-        alone = posterior.unexplained[:, None] + at_mean.columns - added
-        energy = np.sum(linear.without_set_up(alone) ** 2, axis=0)
-    beside, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
-    if max(beside, by_itself) <= FAULT:
+        energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+    beside, alone = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    if max(beside, alone) <= FAULT:
         likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
         return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
-    return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], by_itself)] * (by_itself != beside)]
+    return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
 
 
 def _in_each_width(linear: Linearisation, shape: Effect) -> Array:

@@ -24,7 +24,7 @@ from analysis.traces.tables import PoseTable
 from rigs.schema.effect import label_of, name_of, size_field
 
 _MOST = 0.5
-"""Share of the energy of the gap above which what remains is larger than what names can explain."""
+"""Share of the gap's energy above which what remains is larger than what names explain: they have the rest at most."""
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
 a third of the readings."""
@@ -36,12 +36,11 @@ of them stays above it."""
 _SIGMA = 2.0
 """Uncertainties of its size up to which a name is not material. With gauges that were exchanged in all runs a length of
 -23 ± 23 mm had odds above 99.9 %."""
+_HEALTHY_SIZE = "no larger than healthy arms show"
+_SMALL = "changes readings by less than one run scatters, or than --tolerance-um"
+"""Reasons why an effect matters to nobody. A name that is dismissed for any other reason is doubtful."""
 _CERTAIN = ODDS / (1 + ODDS)
 """Odds among rivals below which a name is ambiguous."""
-
-
-CONTRADICTED = "set-ups show different shares of it"
-SERIES = "one of so many waves of a joint that they describe an error of another form"
 
 
 def ambiguous_names(found: Sequence[Named]) -> list[Named]:
@@ -58,7 +57,9 @@ def named_effects(
     found = [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
     series = series_among(effects)
     return [
-        replace(one, material=False, dismissed=SERIES, is_term=True) if name_of(one.effect) in series else one
+        replace(one, material=False, is_term=True, dismissed="one of more waves than a joint has")
+        if name_of(one.effect) in series
+        else one
         for one in found
     ]
 
@@ -80,24 +81,26 @@ def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_
     ratio = sizes.birge_ratio()
     sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
     dismissed = _dismissed(result, k, own, limits, gain)
-    size_of_it = size_field(effects[k])
-    if not dismissed and abs(getattr(effects[k], size_of_it)) <= _SIGMA * sd[size_of_it]:
-        dismissed = "its size is not known to half of itself"
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effects[k].compensation().use != "none"
     found = Named(
         effects[k], sd, own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
         own.whole_um, not dismissed, gain, sizes.shares() if not dismissed and by_posture else (), dismissed,
     )  # fmt: skip
-    return replace(found, material=False, dismissed=CONTRADICTED) if found.contradicted else found
+    if found.contradicted:
+        return replace(found, material=False, dismissed="set-ups show different shares of it")
+    field = size_field(effects[k])
+    if found.material and abs(getattr(effects[k], field)) <= _SIGMA * sd[field]:
+        return replace(found, material=False, dismissed="its size is not known to half of itself")
+    return found
 
 
 def _dismissed(result: SearchResult, k: int, own: Worth, limits: Array, gain: float | None) -> str:
     """Return why a name is not material, whatever its size and its set-ups, or nothing if it is."""
     odds = result.rival_odds[k]
     reasons = (
-        (not result.state.is_fault(k), "no larger than healthy arms show"),
-        (not own.is_material(limits), "changes readings by less than one run scatters, or than --tolerance-um"),
+        (not result.state.is_fault(k), _HEALTHY_SIZE),
+        (not own.is_material(limits), _SMALL),
         (gain is not None and gain <= 0, "makes held-out runs worse"),
         (odds.healthy_odds >= _HEALTHY, "a healthy arm may show it"),
         (odds.odds <= _LIKELY, "a rival is likelier"),
@@ -187,7 +190,11 @@ def verdict_of(
         beside = " beside the names listed" * bool(material)
         return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}{gain}"
     if not material:
-        return "within_tolerance", f"no effect exceeds the scatter and the errors of a healthy arm{gain}"
+        doubtful = [label_of(one.effect) for one in found if one.dismissed not in (_HEALTHY_SIZE, _SMALL)]
+        words = "no effect exceeds the scatter and the errors of a healthy arm"
+        if doubtful:
+            words = f"no effect is certain enough to be named; doubtful, for the reasons listed: {', '.join(doubtful)}"
+        return "within_tolerance", words + gain
     if unsure := ambiguous_names(found):
         name = name_of(unsure[0].effect)
         rivals = f"these tests cannot distinguish {name} from its rivals"

@@ -32,7 +32,8 @@ def without_wild(
     runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
 ) -> tuple[list[ObservedRun], list[str]]:
     """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
-    `effects`, and a message for each set-up that has some; `use` says in it what the runs are for."""
+    `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
+    for."""
     targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
     sound, far_mm = list(runs), dict[str, float]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
@@ -41,7 +42,8 @@ def without_wild(
         sound[k] = replace(runs[k], one=part(one, ~wild))
         if wild.any():
             far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
-    return sound, [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
+    doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
+    return [run for run in sound if len(run.one.rows)], doubts
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:

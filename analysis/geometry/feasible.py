@@ -18,7 +18,7 @@ def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileErro
     """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
     rig; a repeatability test needs targets that the hemisphere has."""
     lines, errors = [], []
-    for test in (_circle, _hemisphere):
+    for test in (_circle, _hemisphere, _repeatability):
         try:
             with named_by(file, rig):
                 lines += test(rig)
@@ -47,7 +47,13 @@ def _circle(rig: Rig) -> list[str]:
 def _hemisphere(rig: Rig) -> list[str]:
     hemisphere = rig.tests.hemisphere
     if hemisphere is None:
-        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
-    repeatability_targets(rig)
+        return []
     named, program = f"hemisphere of {hemisphere.radius_mm:g} mm", radial_program(rig)
     return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]
+
+
+def _repeatability(rig: Rig) -> list[str]:
+    if rig.tests.hemisphere is None:
+        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
+    repeatability_targets(rig)
+    return []

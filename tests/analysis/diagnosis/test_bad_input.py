@@ -179,6 +179,21 @@ def test_a_wild_pose_is_counted_and_judges_no_name(held_out: bool) -> None:
     assert found.held_out and max(found.held_out.after_um, found.train.after_um) < 500
 
 
+def test_a_run_of_which_every_pose_is_wild_is_left_out() -> None:
+    first = poses(2, JointOffset(axis=3, offset_deg=0.2))
+    table = first.table
+    assert isinstance(table, PoseTable)
+    last, rest = np.arange(147, 150), np.arange(147)
+    off = table.xyz_mm[last] + [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    found = found_in(
+        [
+            measured(PoseTable(table.q[rest], table.xyz_mm[rest], None), "pose", "pose"),
+            measured(PoseTable(table.q[last], off, None), "pose", "bumped"),
+        ]
+    )
+    assert found.verdict == "named" and _has_doubt(found, "poses of pose are wild, up to ")
+
+
 def test_nothing_is_outside_the_library_where_nothing_is_tolerated_and_nothing_is_left() -> None:
     found = diagnose(RIG, circles(seed=39), [], [], lambda doing: None, tolerance_um=0.0)
     assert found.verdict != "outside_library"

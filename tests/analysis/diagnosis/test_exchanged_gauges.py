@@ -62,7 +62,6 @@ def test_an_exchange_in_all_runs_is_doubted_and_makes_no_name() -> None:
     runs = circles((PLAY,), seed=44)
     found = found_in(_with_swaps(runs, range(len(runs))))
     assert found.doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
-    assert found.remainder.um <= found.train.before_um * 1.001
-    assert not found.standing or found.train.calibrated_um < found.train.before_um
-    sound = found_in(runs)
-    assert not any("may be exchanged" in doubt for doubt in sound.doubts)
+    assert found.verdict == "outside_library" and found.standing == ()
+    assert found.remainder.um < 2 * found.train.before_um
+    assert not any("may be exchanged" in doubt for doubt in found_in(runs).doubts)

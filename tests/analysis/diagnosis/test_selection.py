@@ -16,7 +16,7 @@ from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_same, is_twice
+from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, is_one, is_same, is_twice
 from analysis.diagnosis.worth import worth
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
@@ -85,6 +85,14 @@ def test_a_fault_that_was_fitted_again_before_is_left_alone(monkeypatch: pytest.
     monkeypatch.setattr(Selection, "_begun_again", never)  # private: what is fitted again does not show in a state
     assert selection.fitted_again(state, (first.model_copy(update={"offset_deg": 0.3}),)) is state
     assert tried == ["joint_offset 3"]
+
+
+def test_waves_of_other_orders_are_not_one_however_near() -> None:
+    wave = TransmissionError(axis=1, order=20, amplitude_deg=0.01)
+    assert is_one(wave, wave.model_copy(update={"order": 20.3, "amplitude_deg": 0.05}))
+    assert not is_one(wave, wave.model_copy(update={"order": 22.0}))
+    assert is_one(JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=2, offset_deg=0.1))
+    assert not is_one(JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2))
 
 
 def test_an_effect_is_twice_there_where_its_name_and_order_are() -> None:

@@ -187,7 +187,7 @@ def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.Mon
     def refused(*given: object) -> None:
         raise FileError("cell.yaml", "has a hemisphere that the arm cannot reach", "move it")
 
-    monkeypatch.setattr(verdicts, "separating_tests", refused)
+    monkeypatch.setattr(verdicts, "possible_tests", refused)
     found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
     assert found.verdict == "ambiguous" and found.next_test is None
     assert any("cannot reach" in doubt for doubt in found.doubts)
@@ -205,5 +205,7 @@ def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
     assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of its size")
     inside = replace(one, effect=JointOffset(axis=3, offset_deg=2.3))
     assert doubts_of_limits([inside, replace(one, material=False)]) == ()
+    nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-2.4 * (1 + 1e-15)))
+    assert doubts_of_limits([nearly])
     # A play cannot be narrower than none.
     assert doubts_of_limits([replace(one, effect=Backlash(axis=1, width_deg=0.0))]) == ()
