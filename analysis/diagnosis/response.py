@@ -32,7 +32,7 @@ class NearResponses:
 
     def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
-        units, or compute its columns (N, k). Parameters without a step do not differ."""
+        units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
         kept = self._kept.setdefault((kind, name_of(effect)), [])
         found = next((one for one in kept if _is_near(one[0], effect, steps)), None)
         if found is None:

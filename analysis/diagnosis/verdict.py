@@ -38,7 +38,7 @@ _SIGMA = 2.0
 -23 ± 23 mm had odds above 99.9 %."""
 _HEALTHY_SIZE = "no larger than healthy arms show"
 _SMALL = "changes readings by less than one run scatters, or than --tolerance-um"
-"""Reasons why an effect matters to nobody. A name that is dismissed for any other reason is doubtful."""
+"""Reasons why an effect does not matter. A name that is dismissed for any other reason is doubtful."""
 _CERTAIN = ODDS / (1 + ODDS)
 """Odds among rivals below which a name is ambiguous."""
 
