@@ -38,9 +38,9 @@ beyond."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
-_NEARBY = 0.02
+_NEARBY = 0.005
 """Part of the size of an effect, and of the spread of a shape, over which its derivatives and departures are not
-computed again. Chosen: then each round of Gauss-Newton still reduces the error to a fiftieth."""
+computed again. Chosen: at 2 % the uncertainty of a play of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right."""
 
 _One = TypeVar("_One")
 
