@@ -41,32 +41,14 @@ class PossibleTest:
     expected: ExpectedPosterior
 
 
-def separating_tests(
-    rig: Rig,
-    effects: Sequence[Effect],
-    tests: Sequence[TestName],
-    blocks: Sequence[Block],
-    setups: Mapping[str, SetUp],
-    level: float = 1.0,
-    runs: int = 3,
-) -> tuple[SeparatingTest, ...]:
-    """Return each possible further test with the sigmas by which it separates the two closest of some rival effects at
-    their sizes, the best first; empty for fewer than two effects.
-
-    `tests`, `blocks` and `setups` are the existing ones. A further test is assumed to be driven `runs` times in each
-    direction.
-    """
-    if len(effects) < 2:
-        return ()
-    return separating(possible_tests(rig, tests, blocks, setups, level, runs)[0], effects)
-
-
 def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
-    """Return possible tests with the sigmas by which they separate the two closest of some effects, the best first."""
+    """Return possible tests with the sigmas by which they separate the two closest of some effects at their sizes, the
+    best first; empty for fewer than two effects."""
     pairs = list(permutations(effects, 2))
     found = [
         SeparatingTest(one.test, min(one.expected.separation_sigma([a], phases(b)) for a, b in pairs), one.why)
         for one in possible
+        if pairs
     ]
     return best_first(found)
 

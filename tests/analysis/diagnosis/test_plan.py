@@ -20,7 +20,7 @@ from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.refine import refine
-from analysis.diagnosis.separating_tests import SeparatingTest, possible_tests, separating_tests
+from analysis.diagnosis.separating_tests import SeparatingTest, possible_tests, separating
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
@@ -57,7 +57,7 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: P
 
 
 def _parted(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName]) -> tuple[SeparatingTest, ...]:
-    return separating_tests(rig, effects, tests, *planned_blocks(rig, tests, 3))
+    return separating(possible_tests(rig, tests, *planned_blocks(rig, tests, 3))[0], effects)
 
 
 def _with_circle(**changed: object) -> Rig:
@@ -182,9 +182,9 @@ def test_of_three_rivals_the_nearest_two_count() -> None:
 
 
 def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
-    found = separating_tests(RIG, FAULTS, ["pose"], [], {})
+    found = separating(possible_tests(RIG, ["pose"], [], {})[0], FAULTS)
     assert "radial" in " ".join(one.test for one in found) and found[0].sigma > 0
-    assert separating_tests(RIG, [ZERO_5], CIRCLE, [], {}) == ()
+    assert separating(possible_tests(RIG, ["pose"], [], {})[0], [ZERO_5]) == ()
 
 
 def test_a_circle_that_cannot_be_driven_is_refused() -> None:
