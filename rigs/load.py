@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
-from rigs.files import read_text
+from rigs.files import read_bytes, read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -68,10 +70,53 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
-    """A rig and the text of its file as it is. Raises FileError or RigFileError."""
+    """A rig, with the calibration that lies beside its file, and the text of the file as it is. Raises FileError or
+    RigFileError."""
     path = find(name)
     text = _text(path)
-    return parse(text, str(path)), text
+    rig = parse(text, str(path))
+    if rig.calibration:
+        rig = rig.with_calibration(rig.calibration, _calibration(path.parent / rig.calibration.file, rig.calibration))
+    return rig, text
+
+
+def calibrated_beside(rig: Rig, directory: Path) -> Rig:
+    """Return the rig with the calibration that it names, if it is in a directory, such as that of a run."""
+    if rig.calibration is None or not (path := directory / rig.calibration.file).is_file():
+        return rig
+    return rig.with_calibration(rig.calibration, _calibration(path, rig.calibration))
+
+
+def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
+    """The content of a calibration file that a rig file names. Raises FileError."""
+    if named.sha256 not in _calibrations:
+        content = _read_calibration(path, named.sha256)
+        while len(_calibrations) >= _MOST_KEPT:
+            del _calibrations[next(iter(_calibrations))]
+        _calibrations[named.sha256] = content
+    return _calibrations[named.sha256]
+
+
+def _read_calibration(path: Path, digest: str) -> CalibratedModel:
+    try:
+        data = read_bytes(path, _MAX_CALIBRATION_BYTES)
+    except OSError as error:
+        what = f"is named by the rig file beside it and cannot be read: {error.strerror or error}"
+        raise FileError(str(path), what, "copy it there too, or remove the key calibration from the rig file") from None
+    if hashlib.sha256(data).hexdigest() != digest:
+        what = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
+        raise FileError(str(path), what, "restore both files of one diagnosis, or diagnose again")
+    try:
+        return CalibratedModel.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(map(str, first["loc"])) or "the file"
+        raise FileError(str(path), f"is no calibration: {place}: {first['msg']}", "diagnose again") from None
+
+
+_calibrations: dict[str, CalibratedModel] = {}
+_MAX_CALIBRATION_BYTES = 100_000_000
+"""That of 1500 terms has 7 MB; it grows with the square of their number."""
 
 
 def _text(path: Path) -> str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
 
+from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
+from rigs.errors import FileError
 from rigs.schema.certificate import Ball, Link, Temperature
 from rigs.schema.declared_tests import Tests
 from rigs.schema.feedback import Feedback, carries_signal
@@ -34,11 +36,36 @@ class Rig(Part):
     temperature: Temperature | None = None
     tests: Tests = Tests()
     effects: tuple[AnyEffect, ...] = ()
+    calibration: CalibrationFile | None = None
+    """The calibrated model beside the effects, a file that lies beside the rig file."""
     limits: Limits = Limits()
     automatic: Automatic | None = None
     retention: Retention | None = None
     replay: str = ""
     """The file in which `rig replay` records what is out of step, for a cell that it serves."""
+
+    _calibrated: CalibratedModel | None = PrivateAttr(None)
+
+    @property
+    def calibrated(self) -> CalibratedModel | None:
+        """The calibration, None for a rig without one. Raises FileError where its file was not read with the rig's."""
+        if self.calibration and self._calibrated is None:
+            raise FileError(
+                self.name,
+                f"names the calibration {self.calibration.file}, which is not beside this rig file",
+                "give the rig file beside its calibration with --rig",
+            )
+        return self._calibrated
+
+    def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
+        """Return the rig with the calibration of a file, or with none."""
+        found = self.model_copy(update={"calibration": file})
+        found._calibrated = content
+        return found
+
+    def modelled_as(self, rig: Rig) -> Rig:
+        """Return the rig with the errors of another one: its effects and its calibration."""
+        return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     @field_validator("tests")
     @classmethod

@@ -249,6 +249,14 @@ class Posterior:
         own = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return np.asarray(own + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
+    def joint_covariance(self, columns: int, fitted: int) -> Array:
+        """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
+        background, in healthy sizes."""
+        own, taken = self.known_covariance[:fitted], self._taken[:columns, :-1]
+        across = -own @ taken.T
+        below = self.background.covariance[:columns, :columns] + taken @ self.known_covariance @ taken.T
+        return np.asarray(np.block([[own[:, :fitted], across], [across.T, below]]), dtype=float)
+
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
@@ -286,12 +294,12 @@ class Posterior:
         share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
         return share
 
-    def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array]:
-        """Return three arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
-        log evidence as the single form that its name has, at the level of all others; and its size in sigmas at a
-        healthy size."""
-        fault, pick, sigma = np.full((3, len(forms)), -np.inf)
-        sigma[:] = 0.0
+    def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array, Array]:
+        """Return four arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
+        log evidence as the single form that its name has, at the level of all others; its size in sigmas at a healthy
+        size; and the size in healthy sizes that the readings show of it beside everything else."""
+        fault, pick, sigma, size = np.full((4, len(forms)), -np.inf)
+        sigma[:] = size[:] = 0.0
         width = np.array([len(form.columns) for form in forms])
         for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
@@ -314,12 +322,14 @@ class Posterior:
             fault[members] = fault_evidence(values, seen, level) - now
             pick[members] = cavity_evidence(values, seen, level**2 / q) - now
             sigma[members] = np.sqrt(values.max(axis=1))
+            shown = np.divide(along, values, out=np.zeros_like(along), where=values > 0)
+            size[members] = np.linalg.norm(shown, axis=1)
             if q == 1:
                 wrong = [
                     k for k, way in zip(members.tolist(), eta[:, 0], strict=True) if way < 0 and forms[k].one_sided
                 ]
                 fault[wrong] = pick[wrong] = -np.inf
-        return fault, pick, sigma
+        return fault, pick, sigma, size
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)

@@ -24,7 +24,7 @@ from analysis.diagnosis.residual_places import places
 from analysis.diagnosis.run_setups import with_effects
 from analysis.diagnosis.search import SearchResult, search
 from analysis.diagnosis.separating_tests import possible_tests, separating
-from analysis.diagnosis.validation import gap, held_out_gains
+from analysis.diagnosis.validation import gap, held_out_gains, stages_of
 from analysis.diagnosis.verdict import (
     ambiguous_names,
     named_effects,
@@ -72,10 +72,11 @@ def diagnose(
     sound, wild = without_wild(runs, effects, "the runs used")
     judges, wild_judges = without_wild(judges, effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
+    stages = stages_of(sound, result)
     gaps = _Gaps(
-        gap(sound, result, _names(used)),
-        gap(judges, result, _names(held_out or used)) if judges else None,
-        gap(elsewhere, result, _names(unseen)) if elsewhere else None,
+        gap(sound, stages, result, _names(used)),
+        gap(judges, stages, result, _names(held_out or used)) if judges else None,
+        gap(elsewhere, stages, result, _names(unseen)) if elsewhere else None,
     )
     limits = limits_um(result.linear, tolerance_um)
     named = without_useless(named_effects(result, sound, held_out_gains(result, judges), limits), gaps.train)

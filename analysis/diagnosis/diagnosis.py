@@ -151,12 +151,28 @@ class Remainder:
 
 
 @dataclass(frozen=True)
-class Gap:
-    """Root mean square in µm of the residual, with set-ups fitted, before and after the effects are added to the model.
+class TestGap:
+    """What one test shows of the gap, in µm: root mean square and largest residual, before and with the calibrated
+    model."""
 
+    test: TestName
+    before_um: float
+    before_largest_um: float
+    calibrated_um: float
+    calibrated_largest_um: float
+
+    def to_dict(self) -> dict[str, float]:
+        """In plain types, without the test, in µm."""
+        return {key: value for key, value in asdict(self).items() if key != "test"}
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square in µm of the residual, before and after the effects are added to the model.
+
+    Runs with the placement of a run used keep its set-up (`keeps_setup`); others have their own, fitted to them.
     `noise_floor_um` is the rms of the noise and of the scatter between runs, of which a fitted set-up may absorb a
-    part. `calibrated_um` is the rms when a healthy arm's share of every effect is removed as well, as far as the runs
-    used determine it.
+    part. `calibrated_um` is the rms with the calibrated model, which contains everything that the runs used determine.
     """
 
     runs: tuple[str, ...]
@@ -164,6 +180,8 @@ class Gap:
     after_um: float
     noise_floor_um: float
     calibrated_um: float
+    tests: tuple[TestGap, ...] = ()
+    keeps_setup: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, the keys without their unit, which is µm."""
@@ -172,6 +190,10 @@ class Gap:
             "after": self.after_um,
             "calibrated": self.calibrated_um,
             "noise_floor": self.noise_floor_um,
+            "set_up": "kept" if self.keeps_setup else "fitted",
+            "tests": {
+                one.test: {key: value for key, value in asdict(one).items() if key != "test"} for one in self.tests
+            },
             "runs": self.runs,
         }
 

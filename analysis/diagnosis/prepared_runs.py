@@ -89,7 +89,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
                 f"is of another robot than {rig.name} ({_differing(run.rig, rig)})",
                 "diagnose the runs of one robot at a time, or give the --rig that they were made with",
             )
-        cell = run.rig.model_copy(update={"effects": rig.effects, "name": rig.name, "description": ""})
+        cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
             cells.append(cell)
         one = observe_run(model_of(cell), run.table, str(run.path))

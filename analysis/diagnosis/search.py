@@ -13,20 +13,29 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from analysis.diagnosis.background import Posterior
+from analysis.diagnosis.background_effects import background_effects
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.worth import limits_um
 from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp
+from analysis.traces.tables import PoseTable
 from rigs.effects import Effect
 
+_PLACINGS, _PLACED_MM = 8, 2.0
+"""Largest number of fits of instrument and target to poses before a search, and the move of the target after which no
+further one is made. Chosen: on a UR10 of which the last axis points in two directions, eight fits move a target by 70
+mm, the last one by 3 mm, and change the rms of poses left out by 0.2 %."""
 _STOPS, _ITERATIONS = 5, 8
 """Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are so large that they
 change the columns of those found before, and of three complete selections the second mostly ends where the first did.
@@ -85,7 +94,7 @@ def search(
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     before: tuple[Effect, ...] = ()
     known: tuple[Effect, ...] = ()
-    setups = fit_run_setups(_first_of_each(runs))[0]
+    setups = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
@@ -101,8 +110,41 @@ def search(
             if is_last or selection.holds_for(state):
                 break
         known = state.refined.effects
-        setups = linear.setups_moved_by(linear.moves_with(known))
+        placed = _with_background(runs, known, selection.posterior(state))
+        setups = linear.setups_moved_by(linear.moves_with(known)) | placed
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
+
+
+def _starting_setups(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> dict[str, SetUp]:
+    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect.
+
+    A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
+    fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
+    """
+    setups = fit_run_setups(_first_of_each(runs))[0]
+    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
+    for _ in range(_PLACINGS if poses else 0):
+        progress("placing instrument and target")
+        own = {run.one.setup: setups[run.one.setup] for run in poses}
+        linear = linearise(blocks_of(poses, own), own)
+        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        moved = _with_background(poses, (), selection.posterior(selection.initial_state()))
+        step_mm = max(_distance_mm(own[name], moved[name]) for name in own)
+        setups |= moved
+        if step_mm < _PLACED_MM:
+            break
+    return setups
+
+
+def _with_background(runs: Sequence[ObservedRun], names: Sequence[Effect], posterior: Posterior) -> dict[str, SetUp]:
+    """Return the set-ups of the poses among runs of (m, k) mm, fitted beside names and the mean of the background."""
+    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
+    return fit_run_setups(with_effects(poses, [*names, *background_effects(posterior)]))[0] if poses else {}
+
+
+def _distance_mm(one: SetUp, other: SetUp) -> float:
+    """Return by how far the target of two set-ups is moved on the tool."""
+    return float(np.linalg.norm(one.T_tool_target[:3, 3] - other.T_tool_target[:3, 3]))
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

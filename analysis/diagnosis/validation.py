@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnosis.background_effects import background_effects
 from analysis.diagnosis.blocks import Block, blocks_of, entries, targets_key
-from analysis.diagnosis.diagnosis import Gap
+from analysis.diagnosis.diagnosis import Gap, TestGap
 from analysis.diagnosis.linearisation import Linearisation, basis_of, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
@@ -17,27 +18,66 @@ from analysis.diagnosis.worth import limits_um, noise_um, rms_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
+from analysis.traces.tables import test_of
 from rigs.effects import Effect
+from rigs.schema.vocabulary import TestName
 
 
-def gap(runs: Sequence[ObservedRun], result: SearchResult, names: Sequence[str]) -> Gap:
-    """Return the gap of runs before and after effects are in their model, with set-ups fitted both times; residuals are
-    (m, k) mm."""
-    effects = result.state.refined.effects
-    setups, before = fit_run_setups(runs)
-    setups, after = fit_run_setups(with_effects(runs, effects)) if effects else (setups, before)
+@dataclass(frozen=True)
+class Stages:
+    """The models that are held against runs, one after the other: without what was found, with the names, and
+    calibrated; each with its effects and the set-ups that fit the runs used."""
+
+    effects: tuple[tuple[Effect, ...], ...]
+    setups: tuple[dict[str, SetUp], ...]
+
+    @property
+    def calibrated(self) -> dict[str, SetUp]:
+        """The set-ups of the runs used with the calibrated model."""
+        return self.setups[-1]
+
+    def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
+        """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
+        others have their own fitted."""
+        found = []
+        for effects, placed in zip(self.effects, self.setups, strict=True):
+            there = with_effects(runs, effects)
+            new = [run for run in there if run.one.setup not in placed]
+            every = placed | (fit_run_setups(new)[0] if new else {})
+            found.append([residuals_of(run.model, [run.one], every)[0] for run in there])
+        return found
+
+
+def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
+    """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm."""
+    names = result.state.refined.effects
+    effects = ((), names, (*names, *background_effects(result.posterior)))
+    return Stages(effects, tuple(fit_run_setups(with_effects(runs, own))[0] for own in effects))
+
+
+def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
+    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
+    left = stages.left(runs)
+    before, after, calibrated = (1e3 * rms(own) for own in left)
+    tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
+    keeps = all(run.one.setup in stages.calibrated for run in runs)
     floor = _floor(result.linear, {run.name for run in runs})
-    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor, _calibrated_um(result, runs, setups))
+    return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
 
 
-def _calibrated_um(result: SearchResult, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> float:
-    """Return the rms residual of runs in µm with a healthy arm's share of every effect removed beside the names."""
-    energy, count = 0.0, 0
-    for run in runs:
-        judged = _at_places_used(result, run) or _at_other_places(result, run, setups)
-        um = rms_um(judged.block, judged.without_set_up(judged.residual) * judged.block.sd_mm)
-        energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
-    return float(np.sqrt(energy / count))
+def _of_test(
+    test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
+) -> TestGap:
+    own = [k for k, run in enumerate(runs) if test_of(run.one.table) == test]
+    both = [[left[k] for k in own] for left in (before, calibrated)]
+    (was, is_now) = ((1e3 * rms(one), 1e3 * max(map(_largest, one))) for one in both)
+    return TestGap(test, *was, *is_now)
+
+
+def _largest(left: Array) -> float:
+    """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
+    size = np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left)
+    return float(size.max())
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:

@@ -81,8 +81,10 @@ class Model:
 
 
 def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
-    """The model of a rig, with the effects of its file or with others."""
-    return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(rig.effects if effects is None else effects))
+    """The model of a rig, with the effects of its file and of its calibration, or with others instead."""
+    if effects is None:
+        effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
+    return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
 
 
 def nominal_setup(rig: Rig, table: Table) -> SetUp:

@@ -22,7 +22,7 @@ from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
-from rigs.load import parse
+from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
 
@@ -61,7 +61,8 @@ def load_measured(path: Path) -> Measured:
     """Read a run, recorded or imported, wherever it lies. Raises FileError."""
     with fetched(path) as directory:
         run = read_run(directory)
-    return measured_of(replace(run, path=path))
+        rig = calibrated_beside(_rig_of(run), directory)
+    return measured_of(replace(run, path=path), rig)
 
 
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
@@ -76,11 +77,15 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
         known[readings] = path
 
 
-def measured_of(run: Run) -> Measured:
-    """A run that has been read, with its rig and its table. Raises FileError."""
+def _rig_of(run: Run) -> Rig:
+    return parse(run.manifest.rig_text, f"{run.path}, rig file")
+
+
+def measured_of(run: Run, rig: Rig | None = None) -> Measured:
+    """A run that has been read, with its rig, or that of its manifest, and its table. Raises FileError."""
     path = run.path
     _is_in_step(run)
-    rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    rig = rig or _rig_of(run)
     doubts = [*_doubts(run), *_certificates(run, rig)]
     if run.table is not None:
         doubts += _taken_as_corrected(run, rig)

@@ -1,0 +1,250 @@
+"""The calibrated model of an arm: everything that a diagnosis knows, as one file beside the rig file.
+
+A rig file names effects that somebody stands by. A calibration holds the rest as well: a list of *terms*, each an
+effect at a reference size and how many `times` of it the arm shows. The terms are the posterior of a diagnosis: `times`
+is their mean, and `factor` a root of their covariance. What many small terms do together is accurate where no single
+one of them is certain.
+
+The file is JSON, named by the rig file with its SHA-256 (docs/calibrated-model.md reads it in twenty lines of numpy).
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime as dt
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from rigs.effects import AnyEffect, Effect
+from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, scaled, size_field, size_of
+from rigs.schema.part import Axis, Part
+from rigs.schema.scene import S
+
+Array = NDArray[np.float64]
+TIMES = "times"
+"""The parameter that every term has: how many times the effect at its reference size."""
+_MOST_TERMS = 20_000
+"""Terms of a calibration. A diagnosis of poses has 1500; a root of the covariance of more is larger than a file may be.
+"""
+_ROWS = 4096
+"""Rows of a curve that are computed at a time: 135 waves of each take 4 MB."""
+
+
+class CalibrationFile(Part):
+    """What a rig file says of its calibration: the name of the file, which lies beside it, and the digest of its
+    bytes."""
+
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.calibration\.json$")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class CalibratedRun(Part):
+    """A run that a calibration comes from, with the digest of its readings."""
+
+    name: Annotated[str, Field(max_length=300)]
+    sha256: Annotated[str, Field(max_length=64)]
+
+
+class PlacedSetUp(Part):
+    """Where ball, gauges, instrument and target were in the runs of one set-up: places in mm, matrices row by row."""
+
+    ball_mm: tuple[float, float, float] | None = None
+    zeros_mm: tuple[float, ...] | None = None
+    T_instrument_world: tuple[tuple[float, ...], ...] | None = None
+    T_tool_target: tuple[tuple[float, ...], ...] | None = None
+
+
+class Term(Part):
+    """One term: an effect at its reference size, and how many times of it the arm shows. `named` terms stand in the
+    rig file too, as effects, and are listed here because the other terms were found beside them."""
+
+    effect: AnyEffect
+    times: float
+    named: bool = False
+
+
+class Parameter(Part):
+    """What a row of the covariance belongs to: the index of a term from 0, and one of the fields of its effect, or
+    `times`."""
+
+    term: Annotated[int, Field(ge=0)]
+    field: Annotated[str, Field(max_length=40)]
+
+
+class CalibratedModel(Part):
+    """The content of a calibration file.
+
+    `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
+    float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs; outside it the terms
+    are what they were expected to be. `held_out_um` is the rms in µm that the model left at places that had no part in
+    it, None where none were left out.
+    """
+
+    format: Literal[1] = 1
+    rig: str
+    date: dt.date
+    version: str
+    runs: tuple[CalibratedRun, ...]
+    joints_deg: tuple[tuple[float, float], ...] = Field(min_length=6, max_length=6)
+    setups: dict[str, PlacedSetUp]
+    before_um: float
+    calibrated_um: float
+    held_out_um: float | None = None
+    terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
+    parameters: tuple[Parameter, ...] = Field(max_length=_MOST_TERMS)
+    factor: str
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for one in self.parameters:
+            if one.term >= len(self.terms):
+                raise ValueError(f"a parameter belongs to term {one.term}, and there are {len(self.terms)} terms")
+            effect = self.terms[one.term].effect
+            if one.field != TIMES and not isinstance(getattr(effect, one.field, None), float):
+                raise ValueError(f"a parameter is {one.field} of {effect.effect}, which has no such number")
+        count = len(self.parameters)
+        try:
+            packed = base64.b64decode(self.factor, validate=True)
+        except ValueError:
+            raise ValueError("factor is not base64") from None
+        if len(packed) != 2 * count * (count + 1):
+            raise ValueError(f"factor has {len(packed)} bytes, and {count} parameters need {2 * count * (count + 1)}")
+        if not np.isfinite(np.frombuffer(packed, dtype="<f4")).all():
+            raise ValueError("factor holds numbers that are not finite")
+        return self
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The terms that the rig file does not name, as effects of the arm: constants summed, waves of a joint as one
+        curve."""
+        return tuple(effects_of([(term.effect, term.times) for term in self.terms if not term.named]))
+
+    @cached_property
+    def root(self) -> Array:
+        """A root (P, P) of the covariance of the parameters, lower triangular."""
+        count = len(self.parameters)
+        root = np.zeros((count, count))
+        root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")
+        return root
+
+
+def packed_factor(root: Array) -> str:
+    """Return a lower triangular root (P, P) of a covariance as a calibration file holds it."""
+    return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
+
+
+def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
+    """Return the effects that terms, each an effect and how many times of it, make up together."""
+    waves: dict[int, list[tuple[float, float, float]]] = {}
+    sums: dict[Effect, float] = {}
+    for effect, times in terms:
+        if times == 0:
+            continue
+        if effect.effect == "transmission_error" and not getattr(effect, "third", 0.0):
+            waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
+        else:
+            # Of constants the terms of one seat add up, whatever their reference sizes.
+            unit = scaled(effect, 1 / size_of(effect)) if effect.STAGE == "arm" and size_of(effect) else effect
+            sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
+    curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(own)) for axis, own in waves.items()]
+    return [*(_of(effect, times) for effect, times in sums.items()), *curves]
+
+
+def _of(effect: Effect, times: float) -> Effect:
+    """Return so many times an effect: scaled where it turns or moves something by a constant, a portion of it else."""
+    if effect.STAGE == "gauge":
+        return GaugePortion(whole=effect, share=times)
+    if effect.STAGE == "joint" and effect.compensation().constant is None:
+        return JointPortion(whole=effect, share=times)
+    return scaled(effect, times)
+
+
+def _wave(effect: Effect, times: float) -> tuple[float, float, float]:
+    """Return order, sine and cosine in degrees of a wave."""
+    amplitude, phase = times * float(getattr(effect, size_field(effect))), math.radians(getattr(effect, PHASE))
+    return float(getattr(effect, "order", 0.0)), amplitude * math.cos(phase), amplitude * math.sin(phase)
+
+
+class _Calibrated(Effect):
+    """An effect that only a calibration makes: no rig file names it and no diagnosis looks for it."""
+
+    share: float = Field(default=1.0, json_schema_extra={"healthy": 1.0})
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[Self]]:
+        """None: nothing looks for it."""
+        return []
+
+    def remedy(self) -> str:
+        return "use the calibrated model"
+
+
+class JointCurve(_Calibrated):
+    """The angle error of a joint as a curve over its angle: `share` of waves (order, sine, cosine), in cycles a turn
+    and degrees."""
+
+    effect: Literal["joint_curve"] = "joint_curve"
+    axis: Axis
+    waves: tuple[tuple[float, float, float], ...]
+
+    STAGE = "joint"
+
+    def apply(self, scene: S) -> S:
+        """The joint is turned by the curve at its reported angle."""
+        return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
+
+    def at(self, q: Array) -> Array:
+        """Return the curve (n,) in degrees at reported angles q (n,) rad."""
+        order, sine, cosine = np.array(self.waves).T
+        found = np.empty(len(q))
+        for begin in range(0, len(q), _ROWS):
+            turn = q[begin : begin + _ROWS, None] * order
+            found[begin : begin + _ROWS] = np.sin(turn) @ sine + np.cos(turn) @ cosine
+        return found
+
+    def plain(self, joint: str) -> str:
+        return f"angle error of {joint} over its angle"
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+
+class _Portion(_Calibrated):
+    """`share` of what a whole effect does. A play lags by no fixed part of its width and a gauge's cosine error is no
+    fixed part of its angle, so the change that the whole one makes is scaled and not its size."""
+
+    whole: AnyEffect
+
+    def apply(self, scene: S) -> S:
+        """The scene with a share of what the effect changes."""
+        return scene.blended(self.whole.apply(scene), self.share)
+
+    def plain(self, joint: str) -> str:
+        return self.whole.plain(joint)
+
+    def compensation(self) -> Compensation:
+        """That of the whole effect."""
+        return self.whole.compensation()
+
+
+class JointPortion(_Portion):
+    """A share of what an effect turns a joint by."""
+
+    effect: Literal["joint_portion"] = "joint_portion"
+
+    STAGE = "joint"
+
+
+class GaugePortion(_Portion):
+    """A share of what an effect changes of the readings."""
+
+    effect: Literal["gauge_portion"] = "gauge_portion"
+
+    STAGE = "gauge"
