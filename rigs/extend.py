@@ -6,13 +6,36 @@ from collections.abc import Sequence
 
 import yaml
 
+from rigs.calibration import CalibrationFile
 from rigs.effects import Effect
 from rigs.load import parse
 from rigs.yaml_text import data_of, flow, nodes_of
 
 
-def extended(text: str, effects: Sequence[Effect], where: str) -> str:
-    """The text of a rig file with effects added. Raises RigFileError where the result would not be a valid rig file."""
+def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
+    """The text of a rig file with effects added, and with its calibration replaced where one is given. Raises
+    RigFileError where the result would not be a valid rig file."""
+    grown = _with_effects(text, effects) if effects else text
+    if calibration:
+        grown = _with_calibration(grown, calibration)
+    parse(grown, where)
+    return grown
+
+
+def _with_calibration(text: str, calibration: CalibrationFile) -> str:
+    """The text with the key `calibration` at its end, or where it was."""
+    root = nodes_of(text)
+    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    lines = text.rstrip("\n").split("\n")
+    new = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
+    for key, value in root.value:
+        if key.value == "calibration":
+            first, end = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0)
+            return "\n".join([*lines[:first], *new, *lines[end:]]) + "\n"
+    return "\n".join([*lines, "", *new]) + "\n"
+
+
+def _with_effects(text: str, effects: Sequence[Effect]) -> str:
     items = [_line(effect) for effect in effects]
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
@@ -29,9 +52,7 @@ def extended(text: str, effects: Sequence[Effect], where: str) -> str:
             items = [_dumped(entry) for entry in data_of(text)["effects"] or []] + items
             del lines[first : end + 1]
         lines += ["", "effects:", *(f"  - {item}" for item in items)]
-    grown = "\n".join(lines) + "\n"
-    parse(grown, where)
-    return grown
+    return "\n".join(lines) + "\n"
 
 
 def _line(effect: Effect) -> str:

@@ -70,7 +70,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
     root = _root(covariance_of(result.posterior, unknowns))
     angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
-    return CalibratedModel.model_construct(
+    found = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
         date=dt.datetime.now(dt.UTC).date(),
@@ -85,6 +85,38 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         parameters=tuple(parameters),
         factor=packed_factor(root),
     )
+    return found if rig.calibrated is None else _beside(rig.calibrated, found)
+
+
+def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
+    """Return a calibration that was found beside another one, with the terms of both. How many times a term shows adds
+    up, and so does its variance, as if both were independent."""
+    terms, parameters = list(before.terms), list(before.parameters)
+    known = {(terms[one.term].effect, one.field): k for k, one in enumerate(parameters) if one.field == TIMES}
+    first, place = len(terms), []
+    for one in found.parameters:
+        term = found.terms[one.term]
+        place.append(known.get((term.effect, one.field), len(parameters)))
+        if place[-1] == len(parameters):
+            parameters.append(one.model_copy(update={"term": first + one.term}))
+    same = {found.parameters[j].term: parameters[k].term for j, k in enumerate(place) if k < len(before.parameters)}
+    terms += [term.model_copy(update={"times": 0.0}) if k in same else term for k, term in enumerate(found.terms)]
+    for k, old in same.items():
+        terms[old] = terms[old].model_copy(update={"times": terms[old].times + found.terms[k].times})
+    covariance = np.zeros((len(parameters), len(parameters)))
+    count = len(before.parameters)
+    covariance[:count, :count] = before.root @ before.root.T
+    covariance[np.ix_(place, place)] += found.root @ found.root.T
+    joints = [
+        (min(one[0], other[0]), max(one[1], other[1]))
+        for one, other in zip(before.joints_deg, found.joints_deg, strict=True)
+    ]
+    return found.model_copy(
+        update={
+            "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+            "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+        }
+    )  # fmt: skip
 
 
 def _root(covariance: Array) -> Array:

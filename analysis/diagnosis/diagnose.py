@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from analysis.diagnosis.answer import Accuracy
+from analysis.diagnosis.budget import EffectChange, budget_of, effect_changes
+from analysis.diagnosis.calibrated import calibrated_model
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
 from analysis.diagnosis.doubts import doubts_of_limits, doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.early_readings import early_readings
@@ -24,19 +27,22 @@ from analysis.diagnosis.residual_places import places
 from analysis.diagnosis.run_setups import with_effects
 from analysis.diagnosis.search import SearchResult, search
 from analysis.diagnosis.separating_tests import possible_tests, separating
-from analysis.diagnosis.validation import gap, held_out_gains, stages_of
+from analysis.diagnosis.standing import standing_of
+from analysis.diagnosis.validation import gap, gap_alone_um, held_out_gains, stages_of
 from analysis.diagnosis.verdict import (
+    Gaps,
+    accuracy_of,
     ambiguous_names,
+    condition_of,
     named_effects,
     named_vibration,
     remainder_of,
-    verdict_of,
+    runs_to_decide,
     without_useless,
 )
 from analysis.diagnosis.wild_targets import without_wild
 from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
-from analysis.kinematics.arm import Array
 from analysis.traces.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -56,9 +62,9 @@ def diagnose(
 ) -> Diagnosis:
     """Return the diagnosis of runs of one robot about the model of a rig, judged on held-out runs and unseen places.
 
-    `tolerance_um` is the change of the readings (m, k) from which a name is material; None stands for the scatter of
-    one run. Where no run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises FileError for
-    runs of another robot, or that cannot be read as the test that they state.
+    `tolerance_um` is the largest error of the readings (m, k) that is accepted, rms; without it the limits of the rig
+    file judge the accuracy. Where no run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises
+    FileError for runs of another robot, or that cannot be read as the test that they state.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
@@ -66,72 +72,76 @@ def diagnose(
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
-    result = search(runs, progress, tolerance_um)
+    result = search(runs, progress)
     progress("validating on held-out runs")
     effects = result.state.refined.effects
     sound, wild = without_wild(runs, effects, "the runs used")
     judges, wild_judges = without_wild(judges, effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
     stages = stages_of(sound, result)
-    gaps = _Gaps(
+    gaps = Gaps(
         gap(sound, stages, result, _names(used)),
         gap(judges, stages, result, _names(held_out or used)) if judges else None,
         gap(elsewhere, stages, result, _names(unseen)) if elsewhere else None,
     )
-    limits = limits_um(result.linear, tolerance_um)
-    named = without_useless(named_effects(result, sound, held_out_gains(result, judges), limits), gaps.train)
+    changes = effect_changes(result)
+    named = without_useless(named_effects(result, sound, held_out_gains(result, judges), changes), gaps.train)
     at_limits = doubts_of_limits(named)
-    named += _vibrations(result, runs, tolerance_um, gaps.train)
-    named.sort(key=lambda one: (not one.material, -one.worth_um))
+    named += _vibrations(result, runs, gaps.train)
+    named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands else one for one in named]
+    named.sort(key=lambda one: (not one.stands, -one.worth_um))
     early = early_readings(result)
-    found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
+    judged = accuracy_of(gaps, *standing_of(rig, used), tolerance_um)
+    found = _diagnosis_of(rig, result, gaps, named, changes, judged, early=bool(early))
+    standing = [one.effect for one in found.standing]
+    found = replace(
+        found, calibrated=calibrated_model(rig, result, standing, used, runs, stages.calibrated, *gaps.written)
+    )
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
-    if found.verdict == "ambiguous":
+    if found.condition == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, doubt = _next_test(rig, named, used, result)
         found, doubts = replace(found, next_test=next_test), doubts + doubt
     return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
 
 
-@dataclass(frozen=True)
-class _Gaps:
-    """The gap on the runs used, on held-out runs and at an unseen place."""
-
-    train: Gap
-    held_out: Gap | None
-    unseen: Gap | None
-
-
-def _vibrations(
-    result: SearchResult, runs: Sequence[ObservedRun], tolerance_um: float | None, train: Gap
-) -> list[Named]:
-    """Return the vibration of the link as a name, if its worth exceeds the tolerance, or else the scatter of a circle
-    without it, in µm."""
+def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
+    """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
     found = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
     if found is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, tolerance_um, found.scatter_um)
+    limits = limits_um(result.linear, None, found.scatter_um)
     return named_vibration(found, limits[circles], train.after_um)
 
 
 def _diagnosis_of(
-    rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array, *, early: bool
+    rig: Rig,
+    result: SearchResult,
+    gaps: Gaps,
+    named: Sequence[Named],
+    changes: Sequence[EffectChange],
+    accuracy: Accuracy,
+    *,
+    early: bool,
 ) -> Diagnosis:
-    """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
-    material, and `early` states whether poses were read before the joints came to rest."""
-    remainder, is_material = remainder_of(result, named, limits, gaps.train.before_um)
-    verdict, why = verdict_of(result, named, remainder, limits, is_material=is_material, early=early)
+    """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k); `early` states whether
+    poses were read before the joints came to rest."""
+    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train.before_um)
+    condition = condition_of(result, named, remainder, gaps, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)
+    is_testable = condition != "not_testable_here"
     return Diagnosis(
-        verdict=verdict,
-        why=why,
+        condition=condition,
+        accuracy=accuracy,
+        budget=tuple(budget_of(result, named, changes, gaps.train)) if is_testable else (),
+        runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
         rig=rig,
         runs=gaps.train.runs,
         where=places(linear.blocks, before),
-        effects=() if verdict == "not_testable_here" else tuple(named),
+        effects=tuple(named) if is_testable else (),
         remainder=remainder,
         train=gaps.train,
         held_out=gaps.held_out,

@@ -13,10 +13,12 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
+from analysis.diagnosis.answer import Accuracy, BudgetPart, Condition, Doubt
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
+from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, name_of
@@ -27,8 +29,6 @@ _DIFFERS, _SURE = 0.5, 3.0
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
-
-Verdict = Literal["named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here"]
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,12 @@ class Named:
     """An effect that the model lacks, with its fitted parameters, their standard uncertainties, its share of the
     evidence among its rivals, the gap on the runs used if it alone is removed, and the remedy.
 
-    `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
-    whether this exceeds the scatter of one run or the tolerance given, for a fault that runs and set-ups bear out.
-    `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run shows
-    it beyond the scatter of one run. `shares` states how much of it each set-up shows. `dismissed` states why it is not
-    material, and `is_term` whether it is one of so many waves of a joint that they are the series of an error of
-    another form.
+    `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb, `u_um` its standard
+    uncertainty, and `alone_um` the gap on the runs used if it alone is added to the model. `times_usual` is how many
+    times as much it does as a healthy arm shows. `doubt` says why the diagnosis does not stand by it, None where it
+    does. `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run
+    shows it beyond the scatter of one run. `shares` states how much of it each set-up shows, and `twins` lists effects
+    that nothing distinguishes from it: only what they make up together is known.
     """
 
     effect: Effect
@@ -95,11 +95,23 @@ class Named:
     gap_without_um: float
     remedy: str
     worth_um: float
-    material: bool
     held_out_gain: float | None
+    doubt: Doubt | None = None
     shares: tuple[Share, ...] = ()
-    dismissed: str = ""
-    is_term: bool = False
+    u_um: float = 0.0
+    times_usual: float = 0.0
+    alone_um: float = math.nan
+    twins: tuple[Effect, ...] = ()
+
+    @property
+    def stands(self) -> bool:
+        """Whether the diagnosis stands by it: it is a fault."""
+        return self.doubt is None
+
+    @property
+    def is_term(self) -> bool:
+        """Whether it is one of so many waves of a joint that they are the series of an error of another form."""
+        return self.doubt == "series"
 
     @property
     def contradicted(self) -> bool:
@@ -116,8 +128,12 @@ class Named:
             **_of_effect(self.effect, self.sd, self.posterior),
             "rivals": [rival.to_dict() for rival in self.rivals],
             "worth_um": self.worth_um,
-            "material": self.material,
-            "dismissed": self.dismissed or None,
+            "u_um": self.u_um,
+            "times_usual": self.times_usual,
+            "stands": self.stands,
+            "doubt": self.doubt,
+            "alone_um": self.alone_um,
+            "twins": [name_of(one) for one in self.twins],
             "held_out_gain": self.held_out_gain,
             "contradicted": self.contradicted,
             "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
@@ -141,8 +157,7 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 class Remainder:
     """What remains beyond the noise after the names and a healthy arm's share of every effect, with what contradicted
     names explain: its rms in µm, at most the gap, its share of the gap's energy, in which every test has the same
-    weight, and a description. `healthy_um` is the rms of the
-    healthy share, which a calibration could remove."""
+    weight, and where and how it shows, in words. `healthy_um` is the rms of the healthy share."""
 
     um: float
     share: float
@@ -261,14 +276,18 @@ class Diagnosis(Tabular):
     """The complete result.
 
     `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
-    evidence, the material ones first, ordered by worth. `groups` lists named effects that these tests cannot
+    evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
+    `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
+    model. `groups` lists named effects that these tests cannot
     distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the noise comes
     from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the
     trust in the result.
     """
 
-    verdict: Verdict
-    why: str
+    condition: Condition
+    accuracy: Accuracy
+    budget: tuple[BudgetPart, ...]
+    runs_to_decide: int | None
     rig: Rig
     runs: tuple[str, ...]
     where: tuple[Place, ...]
@@ -288,16 +307,17 @@ class Diagnosis(Tabular):
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
     seconds: float
+    calibrated: CalibratedModel | None = None
 
     @property
     def standing(self) -> tuple[Named, ...]:
-        """The effects that the diagnosis stands by: the material ones."""
-        return tuple(one for one in self.effects if one.material)
+        """The effects that the diagnosis stands by: the faults."""
+        return tuple(one for one in self.effects if one.stands)
 
     @property
     def slight(self) -> tuple[Named, ...]:
         """Those that it found beside them, too small or too doubtful to matter."""
-        return tuple(one for one in self.effects if not one.material and not one.contradicted)
+        return tuple(one for one in self.effects if not one.stands and not one.contradicted)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
@@ -310,13 +330,13 @@ class Diagnosis(Tabular):
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.standing))})
 
     def to_table(self) -> pa.Table:
-        """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, material."""
+        """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
         rows = [
             one | of_field | {"parameter": field}
             for one in self.to_dict()["effects"]
             for field, of_field in one["parameters"].items()
         ]
-        return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "material"), rows)
+        return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in plain types, with the keys of docs/diagnosis.md: what `rig diagnose --json` prints.
@@ -327,8 +347,10 @@ class Diagnosis(Tabular):
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
         plain: dict[str, Any] = for_json(
             {
-                "verdict": self.verdict,
-                "why": self.why,
+                "condition": self.condition,
+                "accuracy": self.accuracy.to_dict(),
+                "budget": [one.to_dict() for one in self.budget],
+                "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,
                 "effects": [one.to_dict() for one in self.effects],

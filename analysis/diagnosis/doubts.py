@@ -51,11 +51,11 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each material name of a fit whose size ended at the limit of fits."""
+    """Return a message for each name that stands whose size ended at the limit of fits."""
     doubts = []
     for one in names:
         size = float(getattr(one.effect, size_field(one.effect)))
-        if one.material and any(limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(one.effect)):
+        if one.stands and any(limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(one.effect)):
             doubts.append(
                 f"{label_of(one.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
                 "file, the cables of the gauges and the placements, and diagnose again"

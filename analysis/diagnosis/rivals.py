@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState
+from analysis.diagnosis.selection_state import FAULT, SelectionState
 from analysis.diagnosis.worth import Worth, worth
 from analysis.kinematics.arm import Array
-from rigs.schema.effect import label_of, name_of
+from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
 """Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
@@ -44,8 +44,8 @@ def compare_with_rivals(
     """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
     evidence replaces the fault, and the search continues from there.
 
-    An effect of healthy size, or one that changes readings by no more than the limits (b,) µm, has no rivals, because
-    it is not reported as a fault.
+    An effect of healthy size, or one that is a fault only in this arm and changes readings by no more than the limits
+    (b,) µm, has no rivals, because it is not reported as a fault.
     """
     state = without_needless_names(selection, state, limits)
     swapped: set[int] = set()
@@ -53,7 +53,9 @@ def compare_with_rivals(
     for swaps_left in reversed(range(_SWAPS + 1)):
         compared = []
         for place in range(len(state.refined.effects)):
-            is_reported = state.is_fault(place) and _worth(selection, state, place).is_material(limits)
+            effect = state.refined.effects[place]
+            moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
+            is_reported = state.is_fault(place) and moves
             one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
             compared.append(one)
             if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:

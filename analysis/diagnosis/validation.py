@@ -181,6 +181,12 @@ def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: in
     return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]))[1])
 
 
+def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
+    """Return the rms residual (m, k) of runs with one effect alone, in µm and with set-ups fitted: what its remedy
+    alone leaves."""
+    return 1e3 * rms(fit_run_setups(with_effects(runs, [effect]))[1])
+
+
 def _floor(linear: Linearisation, names: Collection[str]) -> float:
     """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
     noise."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure, SubFigure
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
-from analysis.reporting.diagnosis_words import headline
+from analysis.reporting.diagnosis_words import accuracy_words, headline
 from analysis.reporting.sheet import Sheet
 from rigs.schema.effect import name_of
 
@@ -61,7 +61,7 @@ def _bars(found: Diagnosis) -> list[tuple[str, float, str]]:
     bars += [(f"without {name_of(one.effect)}", one.gap_without_um, MODEL) for one in found.standing]
     if found.standing:
         bars.append(("with all" if len(found.standing) > 1 else "after", found.train.after_um, LEFT))
-    bars.append(("healthy share out, too", found.train.calibrated_um, GREY))
+    bars.append(("calibrated", found.train.calibrated_um, GREY))
     return [bar for bar in bars if np.isfinite(bar[1])]
 
 
@@ -86,7 +86,7 @@ def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_u
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    lines = [f"{found.verdict}: {found.why}"]
+    lines = [accuracy_words(found)]
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
     lines += [f"and {more} more groups"] * (more > 0)

@@ -9,6 +9,7 @@ from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
 from analysis.reporting.extended_rig import beside, with_origin, write_extended
 from rigs.errors import FileError
+from rigs.schema.effect import name_of
 
 
 def hold_empty(directory: Path) -> None:
@@ -25,8 +26,8 @@ def hold_empty(directory: Path) -> None:
 def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     """The files of a diagnosis in an empty directory; their paths, the rig file's last.
 
-    text: of the rig file begun with. It is written, with the effects added, only where the diagnosis stands by some;
-    where a name has rivals, the likeliest goes in. Raises FileError.
+    text: of the rig file begun with. It is written with the faults added, of rivals the likeliest, and with the
+    calibrated model beside it, unless the runs can show nothing. Raises FileError.
     """
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
@@ -41,11 +42,11 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
         beside(
             with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
             rivals=tuple(rival_names(one)),
+            together=tuple(name_of(twin) for twin in one.twins),
+            joints_deg=found.calibrated.joints_deg if found.calibrated else None,
         )
         for one in found.standing
     ]
-    if not effects:
+    if found.condition == "not_testable_here":
         return [answer, sheet]
-    extended = directory / f"{found.rig.name}.yaml"
-    write_extended(text, effects, extended)
-    return [answer, sheet, extended]
+    return [answer, sheet, *write_extended(text, effects, directory / f"{found.rig.name}.yaml", found.calibrated)]

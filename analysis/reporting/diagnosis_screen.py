@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable
 
 from rich.console import Group, RenderableType
@@ -11,12 +10,17 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from analysis.diagnosis.answer import Condition, Doubt
 from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, Verdict
+from analysis.diagnosis.diagnosis import Diagnosis, Gap
 from analysis.reporting.diagnosis_words import (
+    accuracy_words,
     beside_size,
     closed,
+    doubt_words,
     headline,
+    part_name,
+    percent,
     remedy,
     runs_of,
     shortened,
@@ -28,32 +32,35 @@ from analysis.reporting.diagnosis_words import (
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
 
-_COLOUR: dict[Verdict, str] = {
-    "named": "bold green",
+_COLOUR: dict[Condition, str] = {
+    "named": "bold yellow",
     "ambiguous": "bold yellow",
     "outside_library": "bold red",
-    "within_tolerance": "bold green",
+    "undecided": "bold yellow",
+    "uncalibrated": "bold green",
+    "nothing_unusual": "bold green",
     "not_testable_here": "bold yellow",
 }
 _MOST_PLACES = 6
+_SMALL_SHARE = 0.001
+"""Share of the error below which usual parts are counted together."""
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Names of what cannot be seen here, before the rest is only counted."""
 
 
 def as_screen(found: Diagnosis) -> RenderableType:
-    """Verdict, places, effects, their gain, the remainder, what cannot be distinguished, remedies, next test."""
-    parts = [Text(headline(found), style=_COLOUR[found.verdict])]
-    parts += [Text(found.why, style="dim")] if found.why else []
-    tolerable = ", within what a healthy robot shows" if found.verdict == "within_tolerance" and found.where else ""
+    """The two verdicts, the budget, the faults, the gap, remedies, next test, places and remarks."""
+    parts = [Text(headline(found), style=_COLOUR[found.condition]), Text(accuracy_words(found))]
     sections = (
-        (f"Where they disagree{tolerable}", _where(found)),
-        ("What is missing", _missing(found)),
-        ("What the model says with it" if found.standing else "What the model says", _gaps(found)),
+        ("What makes the error", _budget(found)),
+        ("Faults", _faults(found)),
+        ("What to do", _remedies(found)),
+        ("What the model leaves", _gaps(found)),
         ("Still unexplained", _left(found)),
         ("What these tests cannot distinguish", _cannot(found)),
-        ("What to do", _remedies(found)),
         ("Which test next", _next(found)),
+        ("Where model and readings disagree", _where(found)),
         ("Remarks on the data", _doubts(found)),
     )
     shown: list[RenderableType] = [*parts]
@@ -82,36 +89,56 @@ def _where(found: Diagnosis) -> list[RenderableType]:
     return [table, *([Text(f"and {more} more (all with --json)", style="dim")] if more > 0 else [])]
 
 
-def _missing(found: Diagnosis) -> list[RenderableType]:
-    beside = [Text(f"not material, {why}: {names}", style="dim") for why, names in _dismissed(found).items()]
-    if apart := [one for one in found.contradicted if not one.is_term]:
-        names = ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in apart)
-        beside.append(Text(f"not the same at every place, so that something else looks like it: {names}", style="dim"))
-    for name, count in Counter(name_of(one.effect) for one in found.contradicted if one.is_term).items():
-        words = f"{count} waves of {name} describe an error of that joint, of another form than a gear's"
-        beside.append(Text(words, style="dim"))
+def _budget(found: Diagnosis) -> list[RenderableType]:
+    """Every part of the error; those below a thousandth of it are counted together."""
+    if not found.budget:
+        return []
+    table = _plain_table("part", "µm rms", "share", "× usual", "class", right=("µm rms", "share", "× usual"))
+    small = [one for one in found.budget if abs(one.share) < _SMALL_SHARE and one.rank != "unusual"]
+    for one in found.budget:
+        if one in small:
+            continue
+        um = f"{_number(one.um)} ± {_number(one.u_um)}" if one.u_um > 0 else _number(one.um)
+        name = part_name(found, one)
+        if one.index is not None:
+            name += f", {size(found.effects[one.index])}"
+        times = f"{one.times_usual:.1f}" if one.times_usual is not None else ""
+        style = "bold" if one.rank == "unusual" else ""
+        table.add_row(name, um, percent(one.share), times, one.rank or "", style=style)
+    if small:
+        share = sum(one.share for one in small)
+        table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
+    halves = "of what two parts have in common each has half" * any(one.share < 0 for one in found.budget)
+    return [table, *([Text(halves, style="dim")] if halves else [])]
+
+
+def _faults(found: Diagnosis) -> list[RenderableType]:
+    beside = [Text(f"no fault, {doubt_words(why)}: {names}", style="dim") for why, names in _doubted(found).items()]
     if not found.standing:
         return list(beside)
-    times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")
-    numbers = (f"size {bound}", "worth µm", "how sure")
+    times, bound = (2.0, "± 2u") if found.condition == "ambiguous" else (1.0, "± u")
+    numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
     table = _plain_table("effect", *numbers, right=numbers)
     for one in found.standing:
-        table.add_row(
-            Text(name_of(one.effect), style="bold"), size(one, times), f"{one.worth_um:.1f}", sure(one.posterior)
-        )
+        name = " + ".join([name_of(one.effect), *(name_of(twin) for twin in one.twins)])
+        row = (size(one, times), f"{one.worth_um:.1f}", sure(one.posterior), _number(one.alone_um))
+        table.add_row(Text(name, style="bold"), *row)
         for field in beside_size(one):
-            table.add_row(f"  {field}", with_uncertainty(one.effect, field, one.sd, times), "", "")
+            table.add_row(f"  {field}", with_uncertainty(one.effect, field, one.sd, times), "", "", "")
         for rival in one.rivals:
-            table.add_row(f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), style="dim")
+            table.add_row(
+                f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), "", style="dim"
+            )
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
-    return [table, *([likeliest] if found.verdict == "ambiguous" else []), *beside]
+    return [table, *([likeliest] if found.condition == "ambiguous" else []), *beside]
 
 
-def _dismissed(found: Diagnosis) -> dict[str, str]:
-    """The names that are not material, with what each moves, by the reason."""
-    by_reason: dict[str, list[str]] = {}
-    for one in found.slight:
-        by_reason.setdefault(one.dismissed, []).append(f"{label_of(one.effect)} ({one.worth_um:.1f} µm)")
+def _doubted(found: Diagnosis) -> dict[Doubt, str]:
+    """The fitted effects that the diagnosis does not stand by for another reason than their usual size."""
+    by_reason: dict[Doubt, list[str]] = {}
+    for one in found.effects:
+        if one.doubt is not None and one.doubt != "usual":
+            by_reason.setdefault(one.doubt, []).append(f"{label_of(one.effect)} ({one.worth_um:.1f} µm)")
     return {why: ", ".join(names) for why, names in by_reason.items()}
 
 
@@ -125,7 +152,8 @@ def _gaps(found: Diagnosis) -> list[RenderableType]:
         if gap is not None:
             ends = (gap.calibrated_um, gap.noise_floor_um)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
-            table.add_row(name, *map(_number, cells), *([_percent(gap)] if effects else []))
+            how = "" if gap.keeps_setup else ", own set-up"
+            table.add_row(f"{name}{how}", *map(_number, cells), *([_percent(gap)] if effects else []))
     return [table]
 
 
@@ -139,11 +167,10 @@ def _percent(gap: Gap) -> str:
 
 
 def _left(found: Diagnosis) -> list[RenderableType]:
-    if found.verdict == "not_testable_here":
+    if found.condition == "not_testable_here":
         return []
     rest = found.remainder
-    lines = [Text(f"{rest.um:.1f} µm ({100 * rest.share:.0f} % of the gap): {rest.words}")]
-    lines += [Text(f"a healthy arm's share of everything: {rest.healthy_um:.1f} µm, which a calibration may take out")]
+    lines = [Text(f"{rest.um:.1f} µm ({percent(rest.share)} of the gap): {rest.words}")]
     return [*lines, *(Text(f"{runs_of(one)}, {one.part}: {one.words}", style="dim") for one in found.left)]
 
 

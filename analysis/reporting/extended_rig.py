@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import datetime as dt
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from analysis.files.write import make_parent
+from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
 from rigs.extend import extended
@@ -36,15 +40,38 @@ def beside(effect: Effect, **more: object) -> Effect:
     return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=more)})
 
 
-def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:
-    """A rig file's text with effects added, as a new file. Raises FileError where it exists or cannot be written,
+def write_extended(
+    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
+) -> list[Path]:
+    """A rig file's text with effects added, as a new file, and before it its calibrated model, as NAME.calibration.json
+    beside it. Returns the paths, the rig file's last. Raises FileError where one exists or cannot be written,
     RigFileError where an effect is beyond its bounds."""
-    grown = extended(text, effects, str(output))
+    named, content, beside_it = None, b"", output.with_name(f"{output.stem}.calibration.json")
+    if calibrated:
+        content = calibrated.model_dump_json(indent=1, exclude_defaults=False).encode()
+        named = calibration_file(beside_it.name, content)
+    grown = extended(text, effects, str(output), named)
     make_parent(output)
+    if named:
+        _write_new(beside_it, content)
+    _write_new(output, grown.encode())
+    return [*([beside_it] if named else []), output]
+
+
+def calibration_file(name: str, content: bytes) -> CalibrationFile:
+    """Return what a rig file says of a calibration file. Raises FileError for a name that a rig file cannot have."""
     try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(grown)
+        return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
+    except ValidationError:
+        what = "is no name that a rig file can give to its calibration"
+        raise FileError(name, what, "use letters, digits, -, _ and . in the name of --output") from None
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    try:
+        with path.open("xb") as file:
+            file.write(content)
     except FileExistsError:
-        raise FileError(str(output), "exists already", "give another --output, or remove it first") from None
+        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
     except OSError as error:
-        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(path), error.strerror or str(error), "give another --output") from None

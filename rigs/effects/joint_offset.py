@@ -19,6 +19,7 @@ class JointOffset(Effect):
     offset_deg: float = size(5, 0.02)
 
     STAGE = "joint"
+    PART = "constants"
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:

@@ -17,6 +17,7 @@ class ServoLag(Effect):
     lag_s: float = size(0.2, 5e-4, least=0.0)
 
     STAGE = "joint"
+    PART = "clocks"
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:

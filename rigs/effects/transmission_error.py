@@ -42,6 +42,7 @@ class TransmissionError(Effect):
     third: float = shape(-1, 1, 0.0)
 
     STAGE = "joint"
+    PART = "curve"
     # A gear left open begins with an eccentric wheel and twice that.
     PLACE = Place(
         rf"(?:(?P<axis>[1-6])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": "123456", "order": "12"}

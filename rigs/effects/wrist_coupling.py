@@ -20,6 +20,7 @@ class WristCoupling(Effect):
     ratio: float = size(0.1, 1e-4)
 
     STAGE = "joint"
+    PART = "constants"
     PLACE = Place(r"(?P<from_axis>[1-6])\.(?P<to_axis>[1-6])", "4.5 (from.to)")
 
     def apply(self, scene: S) -> S:

@@ -22,6 +22,18 @@ from rigs.schema.scene import S, Stage
 
 AXES = range(1, 7)
 Gauge = Literal["g1", "g2"]
+PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
+"""Which part of an arm's error an effect belongs to, as a person thinks of it: link constants and zeros, what yields
+under load, the angle error of a joint over its angle, what happens where a joint turns back, heat, the measuring
+instruments, and the times of readings."""
+_PART_OF: dict[Stage, PartKind] = {
+    "time": "clocks",
+    "arm": "constants",
+    "joint": "reversal",
+    "tool": "gravity",
+    "setup": "gauges",
+    "gauge": "gauges",
+}
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
@@ -152,6 +164,8 @@ class Effect(Part, ABC):
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Healthy sizes up to which twice the size does twice as much. 0: never, as in a play."""
+    PART: ClassVar[PartKind | None] = None
+    """The part of an arm's error that it belongs to, where its stage does not say that."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
 
@@ -176,6 +190,11 @@ class Effect(Part, ABC):
     @abstractmethod
     def compensation(self) -> Compensation:
         """Whether and how a controller can make up for it."""
+
+    @property
+    def part(self) -> PartKind:
+        """The part of an arm's error that it belongs to."""
+        return self.PART or _PART_OF[self.STAGE]
 
     @property
     def healthy(self) -> float:

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
-from analysis.reporting.diagnosis_words import headline, likely_rivals, plain, remedy, size, sure
+from analysis.reporting.diagnosis_words import (
+    accuracy_words,
+    headline,
+    likely_rivals,
+    micrometres,
+    plain,
+    remedy,
+    size,
+    sure,
+)
 from analysis.reporting.page.texts import Texts
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -92,23 +101,16 @@ def _share(found: Diagnosis, one: Named, texts: Texts) -> str:
     return texts("share", share=micrometres(share), whole=micrometres(before))
 
 
-def micrometres(um: float) -> str:
-    """A size in µm as a person can use it: two digits below ten, whole numbers above."""
-    if not math.isfinite(um):
-        return "–"
-    return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
-
-
 def open_question(found: Diagnosis) -> str:
     """What a diagnosis could not answer, in its own words; nothing where it named a cause or found none."""
-    return headline(found) if found.verdict in ("outside_library", "not_testable_here") else ""
+    return headline(found) if found.condition in ("outside_library", "not_testable_here") else ""
 
 
 def diagnosis_words(found: Diagnosis) -> str:
     """What the diagnosis concluded, what remains, what these tests cannot distinguish, and which test to run next, in
     its own words."""
     remainder = found.remainder
-    lines = [headline(found), f"{found.why[:1].upper()}{found.why[1:]}." if found.why else ""]
+    lines = [headline(found), accuracy_words(found)]
     lines.append(f"Unexplained: {micrometres(remainder.um)}, {remainder.words}.")
     lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in found.groups[:_MOST_GROUPS]]
     if found.next_test:

@@ -85,7 +85,7 @@ def judge(results: Sequence[Result], limits: Limits, found: Diagnosis | None, te
                     sheet = limits.from_data_sheet(test, name)
                     judged.append(Judged(test, column.title, name, figure, limit, standing, straddled, sheet))
     judged.sort(key=lambda one: (_WORST.index(one.standing), -one.excess))
-    fault = found is not None and found.verdict in ("named", "ambiguous", "outside_library")
+    fault = found is not None and found.condition in ("named", "ambiguous", "outside_library")
     overall: Overall = judged[0].standing if judged else "unjudged"
     tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
     return Verdict("watch" if fault and overall != "fail" else overall, tuple(judged), fault, tests)

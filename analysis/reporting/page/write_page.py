@@ -19,9 +19,10 @@ from typing import Any
 
 from markupsafe import Markup
 
+from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
+from analysis.reporting.page.findings import diagnosis_words, findings_of, open_question
 from analysis.reporting.page.live_chart import colours, live
 from analysis.reporting.page.model_charts import diagnosis_charts
 from analysis.reporting.page.report import Report
