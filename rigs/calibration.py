@@ -32,6 +32,9 @@ TIMES = "times"
 _MOST_TERMS = 20_000
 """Terms of a calibration. A diagnosis of poses has 1500; a root of the covariance of more is larger than a file may be.
 """
+_NOTHING = 1e-4
+"""Healthy sizes below which a term is left out: five hundred of them make less than a hundredth of what one healthy
+effect does, and each costs as much time as a large one."""
 _ROWS = 4096
 """Rows of a curve that are computed at a time: 135 waves of each take 4 MB."""
 
@@ -144,7 +147,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for effect, times in terms:
-        if times == 0:
+        if abs(times * size_of(effect)) < _NOTHING:
             continue
         if effect.effect == "transmission_error" and not getattr(effect, "third", 0.0):
             waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))

@@ -16,7 +16,7 @@ import numpy as np
 from analysis.diagnosis.answer import BudgetPart, Rank
 from analysis.diagnosis.columns import Form
 from analysis.diagnosis.diagnosis import Gap, Named
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, basis_of
 from analysis.diagnosis.observed_run import GRID, ORDER_OF
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.selection_state import FAULT
@@ -56,11 +56,16 @@ class Measure:
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return np.concatenate(parts)
 
+    @cached_property
+    def _basis(self) -> Array:
+        """An orthonormal basis (N, s) of what set-ups absorb where every reading counts alike, as in the gap."""
+        return basis_of(self._root[:, None] * self.linear.U)
+
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
-        kept = self.linear.without_set_up(changes)
-        found: Array = self._root[:, None] * kept if kept.ndim == 2 else self._root * kept
-        return found
+        weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
+        kept: Array = weighted - self._basis @ (self._basis.T @ weighted)
+        return kept
 
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""
@@ -129,8 +134,15 @@ class _Budget:
 
     @cached_property
     def whole_um2(self) -> float:
-        """The mean square of the gap in µm²; runs that differ from their mean have more than the mean."""
-        return max(self.gap.before_um**2, float(self.whole @ self.whole), 1e-12)
+        """The mean square of the gap in µm²: that of the mean of repeated runs, and what single runs differ from it."""
+        return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
+
+    @cached_property
+    def _apart_um2(self) -> float:
+        """What single runs differ from the mean of their repeats by, in µm²."""
+        blocks = self.result.linear.blocks
+        share = np.array([1 - 1 / block.count for block in blocks])
+        return float(np.mean(share)) * self.gap.noise_floor_um**2
 
     def share(self, vector: Array) -> float:
         """Return the share of the gap of a vector (N,) of `Measure.of`."""
@@ -200,7 +212,7 @@ class _Budget:
         within = 1 - np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
         moved = result.selection.columns.X[:, forms:] @ result.posterior.mean[forms:]
         inside = self.measure.um(within * result.posterior.residual + moved)
-        return float(np.sqrt(inside**2 + max(self.whole_um2 - float(self.whole @ self.whole), 0.0)))
+        return float(np.sqrt(inside**2 + self._apart_um2))
 
 
 def _rank(one: Named, change: EffectChange) -> Rank:

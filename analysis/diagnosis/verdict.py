@@ -228,13 +228,21 @@ def condition_of(
     `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
-    if (is_material and left.share > _CRUMBS) or _is_foreign(gaps):
+    if (is_material and _is_much(result, left, gaps)) or _is_foreign(gaps):
         return "outside_library"
     if any(one.stands for one in found):
         return "ambiguous" if ambiguous_names(found) else "named"
     if is_undecided(result, found):
         return "undecided"
     return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
+
+
+def _is_much(result: SearchResult, left: Remainder, gaps: Gaps) -> bool:
+    """Return whether what remains is more than crumbs of the arm's error, to which what an earlier calibration in the
+    rig file explains belongs."""
+    calibrated = result.linear.blocks[0].model.rig.calibrated
+    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0)
+    return left.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
