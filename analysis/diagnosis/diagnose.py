@@ -25,7 +25,7 @@ from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.residual_curves import curves_of, maps_of
 from analysis.diagnosis.residual_places import places
 from analysis.diagnosis.run_setups import with_effects
-from analysis.diagnosis.search import SearchResult, search
+from analysis.diagnosis.search import SearchResult, fit_given, search
 from analysis.diagnosis.separating_tests import possible_tests, separating
 from analysis.diagnosis.standing import standing_of
 from analysis.diagnosis.validation import gap, gap_alone_um, held_out_gains, stages_of
@@ -44,6 +44,7 @@ from analysis.diagnosis.wild_targets import without_wild
 from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
 from analysis.traces.loading import Measured
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
@@ -59,11 +60,13 @@ def diagnose(
     unseen: Sequence[Measured],
     progress: Callable[[str], None],
     tolerance_um: float | None = None,
+    given: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Return the diagnosis of runs of one robot about the model of a rig, judged on held-out runs and unseen places.
 
     `tolerance_um` is the largest error of the readings (m, k) that is accepted, rms; without it the limits of the rig
-    file judge the accuracy. Where no run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises
+    file judge the accuracy. With `given` effects these are fitted, whatever they show, and none is searched. Where no
+    run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises
     FileError for runs of another robot, or that cannot be read as the test that they state.
     """
     begin_s = time.perf_counter()
@@ -72,7 +75,7 @@ def diagnose(
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
-    result = search(runs, progress)
+    result = search(runs, progress) if given is None else fit_given(runs, given, progress)
     progress("validating on held-out runs")
     effects = result.state.refined.effects
     sound, wild = without_wild(runs, effects, "the runs used")
@@ -85,9 +88,12 @@ def diagnose(
         gap(elsewhere, stages, result, _names(unseen)) if elsewhere else None,
     )
     changes = effect_changes(result)
-    named = without_useless(named_effects(result, sound, held_out_gains(result, judges), changes), gaps.train)
+    named = named_effects(result, sound, held_out_gains(result, judges), changes)
+    if given is not None:
+        named = [replace(one, doubt=None) for one in named]
+    named = without_useless(named, gaps.train)
     at_limits = doubts_of_limits(named)
-    named += _vibrations(result, runs, gaps.train)
+    named += _vibrations(result, runs, gaps.train) if given is None else []
     named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands else one for one in named]
     named.sort(key=lambda one: (not one.stands, -one.worth_um))
     early = early_readings(result)
