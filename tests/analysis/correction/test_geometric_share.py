@@ -28,7 +28,7 @@ def rms_um(apart: np.ndarray) -> float:
 
 def test_geometry_goes_in_whole() -> None:
     q = work_angles(RIG)
-    share = geometric_share(model_of(RIG, [*GEOMETRY, GaugeScale(gauge="g1")]))
+    share = geometric_share(model_of(RIG, [*GEOMETRY, GaugeScale(gauge="g1", relative=0.01)]))
     moved = tool_poses(model_of(RIG, GEOMETRY), q) - tool_poses(model_of(RIG, ()), q)
     assert share.all_um == pytest.approx(rms_um(moved))
     assert share.left_um == 0
