@@ -61,6 +61,45 @@ Joint angles are those of the URDF. Where the controller counts otherwise, corre
 not exactly, parallel or at right angles, and leaves them as they are. They are often rounding: 1.571 instead of a right
 angle moves a point 1 m away by 0.2 mm.
 
+## An arm as a URDF
+
+```sh
+rig export-urdf cell.yaml -o arm.urdf
+```
+
+This is the way back: the arm of a rig file, with the joint zeros and link constants among its effects, as a URDF for
+ROS, simulators and offline programming. Joints turn by the angles that the controller reports, within the limits of
+the rig file. The links are `world`, `base_link` (the `base` of the rig file), `link_1` to `link_6`, `flange` and
+`tool`. The poses of `tool` are those of the model within 1e-9 mm; tests hold them against pytransform3d and against
+twenty lines that multiply matrices.
+
+- Only geometry fits into a URDF. Compliance, waves, plays and growth stay behind. The command and the head of the file
+  say how many micrometres the effects move the tool by over the tests of the rig, and how many of them are left out;
+  corrected targets of `rig correct` carry more.
+- A rig whose `coupling` is more than signs is refused, as for the J2 + J3 of a FANUC: a joint of a URDF turns one axis.
+  In a copy of the rig file, set `coupling` to the signs, and turn the controller's angles into those of the axes
+  before the URDF sees them.
+- Masses and their centres are written where the rig file has them. Moments of inertia and torques are not known and are
+  0; a simulator of dynamics needs the maker's. There are no meshes.
+
+### For the driver of Universal Robots
+
+```sh
+rig export-urdf cell.yaml --for ur-driver --hash calib_12788084448423163542 -o calibration.yaml
+```
+
+The ROS and ROS 2 drivers describe an arm by a file that their package `ur_calibration` extracts from the controller.
+`--for ur-driver` writes such a file with the arm as it was measured; pass it as `kinematics_params_file`. It goes
+from the frame `base`, which is the controller's and half a turn about z from the `base_link` of ROS, to `tool0`,
+within 1e-9 mm of the model. The `base` and `tool` of the rig file have no place in it: they belong into the URDF of
+your cell.
+
+`hash` names a calibration inside the controller, and the driver compares it at each start. rig cannot know it.
+Extract the controller's own file first and give its `hash` with `--hash`; you say with this that the new file belongs
+to this robot. Without it the file has `rig_not_of_the_controller`, and the driver reports an error at each start,
+that the calibration does not match. This is true: the controller's own Cartesian moves still use its own calibration,
+while ROS plans with the file's.
+
 """
 
 

@@ -138,6 +138,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     emulate,  # noqa: F401
     example,  # noqa: F401
     export,  # noqa: F401
+    export_urdf,  # noqa: F401
     fleet,  # noqa: F401
     history,  # noqa: F401
     import_,  # noqa: F401

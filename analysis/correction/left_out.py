@@ -33,11 +33,22 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
-    for path in (_driven(q, side, begin_s) for side in (1.0, -1.0) for begin_s in (0.0, _LATE_S)):
+    for path in _approaches(q):
         places = _places(nothing, path)
         for k, effect in enumerate(effects):
             squares[:, k] += ((_places(model_of(rig, (effect,)), path) - places) ** 2).sum(axis=1) / 4
     return np.sqrt(squares)
+
+
+def apart_mm(model: Model, other: Model, q: Array) -> Array:
+    """Return the root mean square distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
+    squares = [((_places(model, path) - _places(other, path)) ** 2).sum(axis=1) for path in _approaches(q)]
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+
+
+def _approaches(q: Array) -> list[Path]:
+    """Return the four ways to come to joint angles q (n, 6) rad: from either side, early and late."""
+    return [_driven(q, side, begin_s) for side in (1.0, -1.0) for begin_s in (0.0, _LATE_S)]
 
 
 def _places(model: Model, path: Path) -> Array:

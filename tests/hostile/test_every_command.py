@@ -169,6 +169,12 @@ def cases() -> dict[str, Case]:
             *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
             [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],
         ],
+        "export-urdf": lambda cell, own: [
+            [cell / "rig.yaml"],
+            [cell / "rig.yaml", "--for", "ur-driver", "--hash", EVIL],
+            [cell / "rig.yaml", "-o", cell / "rig.yaml"],
+            [EVIL, "-o", own / "made.urdf"],
+        ],
         "fleet": lambda cell, own: [
             [cell, "--catalogue", own / "catalogue", "-o", own / "page.html", "--parquet", own / "figures.parquet"],
             [cell, "--catalogue", own / "catalogue", "--json"],

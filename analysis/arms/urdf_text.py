@@ -1,0 +1,102 @@
+"""An arm as the text of a URDF: `world` → `base_link` → `link_1` … `link_6` → `flange` → `tool`.
+
+Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports. A rig file
+knows masses and their centres, and no moments of inertia or torques: these are written as zero, and say so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import numpy as np
+
+from analysis.arms.joint_origins import joint_origins, joint_senses, metres_and_rpy
+from analysis.kinematics.arm import Arm, Array
+from rigs.errors import FileError
+from rigs.schema.robot import JointAxis, Robot
+
+_FIXED = ("world-base_link", "link_6-flange", "flange-tool")
+_HYPHENS = re.compile("-(?=-)")
+"""Two in a row end a comment of XML."""
+_HEAD = (
+    "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
+    "inertia and torques are not known: they are written as 0."
+)
+
+
+def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return the URDF of an arm, with the names, limits and masses of a robot.
+
+    where: the rig file, for errors. remarks: sentences at the head. Raises FileError for a coupling or for names that
+    no URDF can have.
+    """
+    senses = joint_senses(arm, where, "a URDF")
+    _require_names(robot, where)
+    root = ElementTree.Element("robot", name=robot.name)
+    for remark in (_HEAD, *remarks):
+        root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
+    _link(root, "world")
+    _link(root, "base_link")
+    _joint(root, _FIXED[0], "fixed", ("world", "base_link"), arm.T_world_base)
+    before = "base_link"
+    for k, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
+        _link(root, link := f"link_{k}", axis.mass_kg, axis.centre_mm)
+        _turning(_joint(root, axis.name, "revolute", (before, link), T), axis, sense)
+        before = link
+    _link(root, "flange", robot.payload_kg)
+    _joint(root, _FIXED[1], "fixed", (before, "flange"), np.eye(4))
+    _link(root, "tool")
+    _joint(root, _FIXED[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _require_names(robot: Robot, where: str) -> None:
+    """Refuse names that XML cannot hold, or that would be those of two joints."""
+    names = [axis.name for axis in robot.axes]
+    for k, name in enumerate(names, start=1):
+        if not name.strip() or not name.isprintable():
+            what = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
+            raise FileError(f"{where}, robot.axes", what, "give it a name of printable characters")
+        if name in (*names[: k - 1], *_FIXED):
+            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
+    if not robot.name.isprintable():
+        what = f"{robot.name!r} is a name that no URDF can have"
+        raise FileError(f"{where}, robot.name", what, "give it a name of printable characters")
+
+
+def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    """Add a link, with its mass where it has one."""
+    link = ElementTree.SubElement(root, "link", name=name)
+    if kg > 0:
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "origin", xyz=_numbers([x / 1000.0 for x in centre_mm]), rpy="0.0 0.0 0.0")
+        ElementTree.SubElement(inertial, "mass", value=repr(float(kg)))
+        moments = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0")
+        ElementTree.SubElement(inertial, "inertia", moments)
+
+
+def _joint(
+    root: ElementTree.Element, name: str, kind: str, links: tuple[str, str], T_parent_joint: Array
+) -> ElementTree.Element:
+    """Add a joint between a parent and a child link at T_parent_joint (4, 4) mm, and return it."""
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    xyz, rpy = metres_and_rpy(T_parent_joint)
+    ElementTree.SubElement(joint, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
+    ElementTree.SubElement(joint, "parent", link=links[0])
+    ElementTree.SubElement(joint, "child", link=links[1])
+    return joint
+
+
+def _turning(joint: ElementTree.Element, axis: JointAxis, sense: int) -> None:
+    """Add the axis and the limits of a joint that turns."""
+    ElementTree.SubElement(joint, "axis", xyz=f"0 0 {sense}")
+    lower, upper, speed = (repr(float(np.radians(value))) for value in (*axis.limits_deg, axis.speed_deg_s))
+    ElementTree.SubElement(joint, "limit", lower=lower, upper=upper, velocity=speed, effort="0.0")
+
+
+def _numbers(values: Sequence[float]) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,73 @@
+"""`rig export-urdf` as a person uses it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rigs.load import find
+from tests.support.command_line import ran
+
+EFFECTS = """
+effects:
+  - {effect: joint_offset, axis: 2, offset_deg: 0.05}
+  - {effect: link_geometry, axis: 3, field: a, delta: 0.4}
+"""
+COMPLIANCE = "  - {effect: compliance, axis: 2, deg_per_Nm: 5.0e-5}\n"
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    file = tmp_path / "cell.yaml"
+    file.write_text(find("ur10e").read_text(encoding="utf-8") + EFFECTS, encoding="utf-8")
+    return file
+
+
+def test_a_urdf_is_written_once(cell: Path, tmp_path: Path) -> None:
+    done = ran("export-urdf", cell, "-o", tmp_path / "arm.urdf")
+    assert done.returncode == 0
+    assert "wrote " in done.stderr
+    assert "All of the model is geometry" in done.stderr
+    text = (tmp_path / "arm.urdf").read_text(encoding="utf-8")
+    assert ran("export-urdf", cell).stdout == text
+    assert ran("export-urdf", cell, "-o", tmp_path / "arm.urdf").returncode == 3
+    assert ran("import-urdf", tmp_path / "arm.urdf").returncode == 0
+
+
+def test_what_stays_behind_is_said(cell: Path) -> None:
+    cell.write_text(cell.read_text(encoding="utf-8") + COMPLIANCE, encoding="utf-8")
+    done = ran("export-urdf", cell)
+    said = re.search(r"by ([\d.]+) µm rms .*; ([\d.]+) µm rms of it\s+are left out \(compliance 2\)", done.stderr)
+    assert said, done.stderr
+    every, left = map(float, said.groups())
+    assert 0 < left < every
+    assert "compliance 2" in done.stdout
+
+
+def test_the_drivers_file_says_that_its_hash_is_not_the_controllers(cell: Path) -> None:
+    done = ran("export-urdf", cell, "--for", "ur-driver")
+    assert yaml.safe_load(done.stdout)["kinematics"]["upper_arm"]["pitch"] == pytest.approx(-0.05 * 3.14159265 / 180)
+    assert "will report that the calibration does not match" in done.stderr
+    known = ran("export-urdf", cell, "--for", "ur-driver", "--hash", "calib_42")
+    assert "hash: calib_42" in known.stdout
+    assert "will report" not in known.stderr
+
+
+def test_a_urdf_has_no_hash(cell: Path) -> None:
+    done = ran("export-urdf", cell, "--hash", "calib_42")
+    assert done.returncode == 2
+    assert done.stdout == ""
+
+
+def test_a_coupled_arm_is_refused_in_one_line(cell: Path, tmp_path: Path) -> None:
+    data = yaml.safe_load(cell.read_text(encoding="utf-8"))
+    data["robot"]["coupling"] = [[float(i == k or (i, k) == (2, 1)) for k in range(6)] for i in range(6)]
+    cell.write_text(yaml.safe_dump(data), encoding="utf-8")
+    done = ran("export-urdf", cell, "-o", tmp_path / "arm.urdf")
+    assert done.returncode == 3
+    assert done.stderr.startswith("error: ")
+    assert "axis 3 does not turn with joint 3 alone" in " ".join(done.stderr.split())
+    assert not (tmp_path / "arm.urdf").exists()

@@ -1,0 +1,53 @@
+"""How much of a model goes into constants of an arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.correction.geometric_share import geometric_share
+from analysis.correction.work import tool_poses, work_angles
+from analysis.kinematics.arm import forward
+from analysis.model.geometric_arm import geometric_arm
+from analysis.model.predict import model_of
+from rigs.effects.backlash import Backlash
+from rigs.effects.compliance import Compliance
+from rigs.effects.gauge_scale import GaugeScale
+from rigs.effects.joint_offset import JointOffset
+from rigs.effects.link_geometry import LinkGeometry
+from rigs.load import load
+
+RIG = load("ur10e")[0]
+GEOMETRY = [JointOffset(axis=2, offset_deg=0.05), LinkGeometry(axis=3, field="beta", delta=0.02)]
+COMPLIANCE = Compliance(axis=2, deg_per_Nm=1e-4)
+
+
+def rms_um(apart: np.ndarray) -> float:
+    return 1000 * float(np.sqrt((apart[:, :3, 3] ** 2).sum(axis=1).mean()))
+
+
+def test_geometry_goes_in_whole() -> None:
+    q = work_angles(RIG)
+    share = geometric_share(model_of(RIG, [*GEOMETRY, GaugeScale(gauge="g1", relative=0.01)]))
+    moved = tool_poses(model_of(RIG, GEOMETRY), q) - tool_poses(model_of(RIG, ()), q)
+    assert share.all_um == pytest.approx(rms_um(moved))
+    assert share.left_um == 0
+    assert share.left_out == ()
+
+
+def test_the_rest_is_between_the_model_and_the_arm() -> None:
+    q = work_angles(RIG)
+    model = model_of(RIG, [*GEOMETRY, COMPLIANCE])
+    share = geometric_share(model)
+    assert share.left_um == pytest.approx(rms_um(tool_poses(model, q) - forward(geometric_arm(model), q)))
+    assert share.left_um > 10
+    assert share.left_out == (COMPLIANCE,)
+
+
+def test_a_play_is_half_of_it_from_either_side() -> None:
+    play = Backlash(axis=1, width_deg=0.02)
+    share = geometric_share(model_of(RIG, [play]))
+    radius_mm = np.linalg.norm(tool_poses(model_of(RIG, ()), work_angles(RIG))[:, :2, 3], axis=1)
+    expected_um = 1000 * np.radians(0.01) * np.sqrt((radius_mm**2).mean())
+    assert share.left_um == pytest.approx(expected_um, rel=0.05)
+    assert share.all_um == share.left_um

@@ -1,0 +1,40 @@
+"""Rigs with arms of the library, random bases and tools, and random constants found."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+
+from rigs.arms import load_arm
+from rigs.effects.joint_offset import JointOffset
+from rigs.effects.link_geometry import Constant, LinkGeometry
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.robot import Pose
+
+
+def changed(name: str, seed: int = 0) -> Rig:
+    """A rig with an arm of the library, its base and tool anywhere; each zero and constant is changed twice."""
+    rng = np.random.default_rng(seed)
+
+    def pose() -> Pose:
+        return Pose(xyz_mm=tuple(rng.uniform(-500, 500, 3)), rpy_deg=tuple(rng.uniform(-170, 170, 3)))
+
+    robot = load_arm(name).robot.model_copy(update={"base": pose(), "tool": pose(), "payload_kg": 2.5})
+    effects = [
+        effect
+        for _ in range(2)
+        for axis in range(1, 7)
+        for effect in (
+            JointOffset(axis=axis, offset_deg=rng.normal(0, 0.2)),
+            *(LinkGeometry(axis=axis, field=field, delta=rng.normal(0, 0.3)) for field in get_args(Constant)),
+        )
+    ]
+    return load("ur10e")[0].model_copy(update={"robot": robot, "effects": tuple(effects)})
+
+
+def within_limits(rig: Rig, n: int = 100) -> np.ndarray:
+    """Random joint angles (n, 6) rad within the limits."""
+    low, high = np.radians([axis.limits_deg for axis in rig.robot.axes]).T
+    return np.random.default_rng(5).uniform(low, high, (n, 6))
