@@ -30,7 +30,6 @@ from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
-from analysis.traces.loading import SIMULATED
 
 
 def write_page(report: Report, file: Path, language: Language = "en") -> Path:
@@ -67,7 +66,7 @@ def rendered(report: Report, texts: Texts) -> str:
         runs=runs,
         instruments=instruments_of(report.rig),
         diagnosis_words=diagnosis_words(report.found) if report.found else "",
-        simulated_only=all(one.source.startswith(SIMULATED) for one in runs),
+        simulated_only=all(result.measured.is_simulated for result in report.results),
         version=_version(),
         written=dt.datetime.now(dt.UTC),
         style=_template("report.css"),
