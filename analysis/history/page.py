@@ -28,7 +28,7 @@ _IN_SIGHT = 2.0
 _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _MARGIN = 0.04
-"""Of the time from the first to the last run, left and right of them."""
+"""Share of the time from the first to the last run that is left free on either side."""
 _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
