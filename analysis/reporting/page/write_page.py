@@ -22,8 +22,10 @@ from markupsafe import Markup
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.chart import Picture
 from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
+from analysis.reporting.page.heading import NO_HEADING, Heading, fields_of
 from analysis.reporting.page.live_chart import colours, live
 from analysis.reporting.page.model_charts import diagnosis_charts
+from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
@@ -32,16 +34,18 @@ from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
 
 
-def write_page(report: Report, file: Path, language: Language = "en") -> Path:
-    """Write the page of a report, in place of a file that is there, which stays until the new one is whole.
+def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
+    """Write the page of a report, in place of a file that is there, which stays until the new one is whole; as a PDF
+    where the name of the file is one.
 
-    Raises FileError where nothing can be written.
+    Raises FileError where nothing can be written, and CellError where a PDF cannot be made.
     """
-    write_html(rendered(report, texts_of(language)), file)
+    write = write_pdf if is_pdf(file) else write_html
+    write(rendered(report, texts_of(language), heading), file)
     return file
 
 
-def rendered(report: Report, texts: Texts) -> str:
+def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
     """The page as HTML; all text in it is plain and escaped."""
     pages = environment()
     pages.filters["um"] = micrometres
@@ -52,6 +56,7 @@ def rendered(report: Report, texts: Texts) -> str:
     return pages.get_template("report.html").render(
         t=texts,
         measured_on=_measured_on(runs, texts),
+        heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,
         verdict_sentence=verdict_sentence(verdict, texts),
