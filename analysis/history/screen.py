@@ -77,7 +77,7 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
         is_known = bool(np.isfinite(by.u))
         verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
         cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
-        cells += [by.rounded(by.u), by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
+        cells += [by.rounded_u, by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
         cells.append(verdict)
         name = "" if one.title == title else one.title
         table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
@@ -92,7 +92,7 @@ def _cells(series: Series) -> tuple[str, str, str, str]:
     spread = series.trend.spread
     by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
     first, last = (by.rounded(one.value) for one in (quantities[0], quantities[-1]))
-    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded(spread) if np.isfinite(spread) else "–"
+    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded_size(spread) if np.isfinite(spread) else "–"
 
 
 def _mark(series: Series) -> str:
