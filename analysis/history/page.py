@@ -17,7 +17,8 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from analysis.history.history import History, Series
 from analysis.history.limits import judge
 from analysis.history.records import Record
-from analysis.history.words import against_limit, doubts, origin, remarks, sentences, too_few
+from analysis.history.words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
+from analysis.kinematics.arm import Array
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.sheet import Sheet
 
@@ -47,6 +48,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
         origin=origin(history),
         sentences=sentences(history) or [too_few(history)],
         rows=rows,
+        is_young=all(is_short(series) for series in history.series),
         is_one=not any(row.first for row in rows),
         remarks=remarks(history),
         doubts=doubts(history),
@@ -76,6 +78,11 @@ class _Row:
         begin = (str(first[1]), _moment(first[0])) if more else ("", "")
         limit = against_limit(series).partition(" since")[0]
         return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
+
+
+def _sides(values: Array) -> list[int]:
+    """The signs, 1 and -1, that values (n,) in any unit have."""
+    return [side for side in (1, -1) if np.any(side * values > 0)]
 
 
 def _set_time_axis(axes: Axes, zone: tzinfo | None) -> None:
@@ -115,7 +122,8 @@ def _picture(series: Series) -> Markup:
     bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
     for bound, style in bounds:
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            axes.axhline(bound, ls=style, lw=1.0, color=_LIMIT)
+            for side in _sides(values):  # a limit is of the size
+                axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
     axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
     _set_time_axis(axes, series.runs[-1].when.tzinfo)
     axes.set_ylabel(series.unit)
