@@ -60,6 +60,18 @@ def test_without_any_field_there_is_no_head(report: Report) -> None:
     assert '"heading"' not in rendered(replace(report, results=(replace(result, measured=measured),)), texts_of("en"))
 
 
+@pytest.mark.parametrize(("emulated", "imported"), [(False, False), (True, False), (False, True)])
+def test_runs_that_measured_no_robot_are_called_so(report: Report, *, emulated: bool, imported: bool) -> None:
+    (result,) = report.results
+    table = result.measured.run.manifest.table if imported else None  # the fixture's, which is simulated
+    manifest = result.measured.run.manifest.model_copy(update={"table": table})
+    rig = RIG.model_copy(update={"emulated": emulated})
+    measured = replace(result.measured, run=replace(result.measured.run, manifest=manifest), rig=rig)
+    page = rendered(replace(report, results=(replace(result, measured=measured),)), texts_of("en"))
+    assert measured.is_simulated == (emulated or imported)
+    assert ("simulated or of an emulated cell; no robot was measured" in page) == measured.is_simulated
+
+
 @pytest.mark.parametrize("text", ["x" * 201, "two\nlines", "\x1b[31m"])
 def test_a_field_that_is_no_line_is_refused(text: str) -> None:
     with pytest.raises(UseError, match="--customer"):
