@@ -41,6 +41,8 @@ class Rig(Part):
     limits: Limits = Limits()
     automatic: Automatic | None = None
     retention: Retention | None = None
+    emulated: bool = False
+    """Written by `rig emulate`: runs of this cell measure no robot, and every page and screen says so."""
     replay: str = ""
     """The file in which `rig replay` records what is out of step, for a cell that it serves."""
 

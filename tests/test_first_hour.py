@@ -81,6 +81,7 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
             person.answers("Distance between", "")
             person.answers("Arm: ", "ur10e")
             person.answers("The ball on the flange", "0,0,150,0,90,0")
+            person.answers("Allowed error in mm", "")
             person.answers("Does the robot stand", "y")
             assert terminal.ended() == 0, terminal.text()
         took_s = time.monotonic() - began_s

@@ -64,7 +64,7 @@ def emulate(
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        path.write_text(cell.rig_text(text), encoding="utf-8")
+        path.write_text(cell.rig_text(text, emulated=True), encoding="utf-8")
         (directory / TRUTH).write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

@@ -61,6 +61,12 @@ def init(
             metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: asked for."
         ),
     ] = None,
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=1000, help="Error that the work allows at the ball in mm, 0 for no limits; default: asked for."
+        ),
+    ] = None,
     circle_here: Annotated[
         bool | None,
         typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
@@ -97,6 +103,7 @@ def init(
         baseline_mm=baseline_mm,
         arm=arm,
         tool=tool,
+        tolerance_mm=tolerance_mm,
         circle_here=circle_here,
         radius_mm=radius_mm,
         listen_s=listen_s,

@@ -16,7 +16,10 @@ from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler
 @command(app, "rig report runs/* -o report.html")
 def report(
     runs: RobotRunsBelow,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="The page to write.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FILE.html", help="The page to write; FILE.pdf with the extra pdf."),
+    ],
     rig_file: Annotated[
         str | None,
         typer.Option(
@@ -26,6 +29,9 @@ def report(
         ),
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
+    customer: Annotated[str, typer.Option(help="Customer, at the head of the page; default: left out.")] = "",
+    order: Annotated[str, typer.Option(help="Number of the order, at the head; default: left out.")] = "",
+    serial: Annotated[str, typer.Option(help="Serial number of the robot; default: that of the rig file.")] = "",
     diagnosis: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Search for the cause of the errors, or leave it out.")
     ] = True,
@@ -39,11 +45,15 @@ def report(
     from analysis.cli.run_paths import runs_below, say_doubts  # noqa: PLC0415
     from analysis.cli.several import end_with, evaluated, worst  # noqa: PLC0415
     from analysis.reporting.html_page import hold_page  # noqa: PLC0415
+    from analysis.reporting.page.heading import Heading  # noqa: PLC0415
+    from analysis.reporting.page.pdf import hold_pdf, is_pdf  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
     from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    hold_page(output)
+    heading = Heading(serial, customer, order)
+    heading.check()
+    (hold_pdf if is_pdf(output) else hold_page)(output)
     model = load(rig_file)[0] if rig_file else None
     paths = [run.resolve() for run in runs_below(runs)]
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
@@ -52,6 +62,6 @@ def report(
         with progress_of() as progress:
             gathered = gather(results, model, diagnosed=diagnosis, left_out=errors, progress=progress)
             progress("drawing the pictures")
-            written = write_page(gathered, output, lang)
+            written = write_page(gathered, output, lang, heading)
         say(f"wrote {written}", err=True)
     end_with(worst(errors))

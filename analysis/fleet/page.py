@@ -14,7 +14,7 @@ from analysis.batch.outcomes import Failed
 from analysis.fleet.catalogue import Damaged, Key
 from analysis.fleet.gather import Fleet, collected_in
 from analysis.fleet.known import Progress
-from analysis.fleet.screen import WORDS, doubts_of, names_of, reading, summary
+from analysis.fleet.screen import WORDS, doubts_of, names_of, origin, reading, simulated_share, summary
 from analysis.fleet.state import Attention, State
 from analysis.history.collect import Workers
 from analysis.history.history import history_of
@@ -59,6 +59,8 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     template = environment().get_template("fleet.html")
     html = template.render(
         title=fleet.directory.resolve().name or str(fleet.directory),
+        origin=origin(fleet),
+        simulated_share=simulated_share,
         summary=summary(fleet),
         doubts=doubts_of(fleet) + failed,
         rows=[(one, name, links.get((one.folder, one.robot))) for one, name in named],

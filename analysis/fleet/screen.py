@@ -14,11 +14,12 @@ from rich.text import Text
 from analysis.fleet.gather import Fleet
 from analysis.fleet.state import ORDER, Attention, State
 from analysis.frames import for_json
+from analysis.reporting.origins import simulated_runs
 from analysis.reporting.wide_tables import whole
 from rigs.text import plain
 
 WORDS: dict[Attention, str] = {
-    "beyond": "beyond its limit",
+    "beyond": "beyond a limit",
     "watch": "watch",
     "unreadable": "no figures",
     "changed": "has changed",
@@ -32,7 +33,21 @@ _MOST_NAMED = 5
 def as_screen(fleet: Fleet) -> RenderableType:
     """A sentence, a line for each robot, and what was left out."""
     doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
-    return Group(Text(summary(fleet), style="bold"), _table(fleet), *doubts, Text(reading(fleet), style="dim"))
+    simulated = [Text(line, style="yellow") for line in filter(None, [origin(fleet)])]
+    summed_up = Text(summary(fleet), style="bold")
+    return Group(*simulated, summed_up, _table(fleet), *doubts, Text(reading(fleet), style="dim"))
+
+
+def origin(fleet: Fleet) -> str:
+    """Say whether runs are simulated; empty where none is."""
+    return simulated_runs(sum(one.simulated for one in fleet.robots), sum(one.runs for one in fleet.robots))
+
+
+def simulated_share(state: State) -> str:
+    """How many runs of a robot are simulated, as it stands beside its name; empty where none is."""
+    if not state.simulated:
+        return ""
+    return "simulated" if state.simulated == state.runs else f"{state.simulated} of {state.runs} simulated"
 
 
 def summary(fleet: Fleet) -> str:
@@ -72,18 +87,21 @@ def _table(fleet: Fleet) -> Table:
     table = Table(header_style="bold", box=None, padding=(0, 1))
     table.add_column("robot")
     table.add_column("state")
-    table.add_column("nearest to its limit, and what changed")
+    table.add_column("nearest to its limit")
+    table.add_column("what changed")
     table.add_column("last run", no_wrap=True)
     table.add_column("runs", justify="right", no_wrap=True)
     for one, name in zip(fleet.robots, names_of(fleet), strict=True):
         state = Text(WORDS[one.attention], style=_STYLES.get(one.attention, ""))
-        table.add_row(name, state, _found(one), one.last[:10], str(one.runs))
+        share = [Text(simulated_share(one), style="yellow")] if one.simulated else []
+        robot = Text("\n").join([Text(name), *share])
+        table.add_row(robot, state, _nearest(one), one.trend, one.last[:10], str(one.runs))
     return whole(table)
 
 
-def _found(state: State) -> Text:
-    """What was found of a robot, a line each."""
-    lines = [Text(line) for line in (state.worst, state.trend) if line]
+def _nearest(state: State) -> Text:
+    """The figure nearest to its limit, the tests, and what to know before trusting it, a line each."""
+    lines = [Text(state.worst)] if state.worst else []
     lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
     lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
     return Text("\n").join(lines)

@@ -30,7 +30,7 @@ class State:
     against the limits, empty without any; worst: the figure nearest to its limit or furthest beyond it, in words, and
     worst_ratio, its value over the bound. trend: what changed and since when, in words; changed: the day of it; grew:
     whether it grew. without_figures: runs by name and why; wild: figures of single runs that were left out; copies:
-    runs that are copies of others; problem: why it could not be judged.
+    runs that are copies of others; simulated: runs that measured no robot; problem: why it could not be judged.
     """
 
     folder: str
@@ -47,6 +47,7 @@ class State:
     without_figures: tuple[tuple[str, str], ...] = ()
     wild: int = 0
     copies: int = 0
+    simulated: int = 0
     problem: str = ""
 
     @property
@@ -92,6 +93,7 @@ def state_of(folder: str, collected: Collected) -> State:
         without_figures=broken,
         wild=sum(int(series.trend.wild.sum()) for series in history.series),
         copies=len(collected.notes),
+        simulated=sum(run.simulated for run in collected.runs),
     )
 
 

@@ -64,7 +64,7 @@ class Difference:
         than = "more than" if self.is_larger else "within"
         return (
             f"{self._what} {verb} from {one.rounded(self.before)} to {one.rounded(self.after)} {one.sign}, "
-            f"by {one.rounded(abs(one.value))} ± {one.rounded(one.u)} {one.sign}: {than} the "
+            f"by {one.rounded(abs(one.value))} ± {one.rounded_u} {one.sign}: {than} the "
             f"{one.rounded(self.explained)} {one.sign} that the spread between runs explains."
         )
 

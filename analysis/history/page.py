@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import dataclass
+from datetime import tzinfo
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from analysis.history.history import History, Series
 from analysis.history.limits import judge
-from analysis.history.words import against_limit, doubts, remarks, sentences
+from analysis.history.records import Record
+from analysis.history.words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
+from analysis.kinematics.arm import Array
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.sheet import Sheet
 
@@ -22,6 +28,8 @@ _IN_SIGHT = 2.0
 """A limit is drawn up to so many times the largest run: one further away would press the runs flat."""
 _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
+_MARGIN = 0.04
+"""Share of the time from the first to the last run that is left free on either side."""
 _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
@@ -30,18 +38,68 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
 
     Raises FileError where it cannot be written."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
+    rows = [_Row.of(series) for series in history.series]
+    drawn = [series for series in shown if _spans_time(series)]
     template = environment().get_template("history.html")
     html = template.render(
         robot=history.robot,
         made_of=made_of,
         overview=overview,
-        sentences=sentences(history),
+        origin=origin(history),
+        sentences=sentences(history) or [too_few(history)],
+        rows=rows,
+        is_young=all(is_short(series) for series in history.series),
+        is_one=not any(row.first for row in rows),
         remarks=remarks(history),
         doubts=doubts(history),
-        left_out=max(0, len(shown) - _MOST),
-        pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
+        left_out=max(0, len(drawn) - _MOST),
+        pictures=[(series, against_limit(series), _picture(series)) for series in drawn[:_MOST]],
     )
     write_html(html, path)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A line of the table: a figure with its first and its newest run, in words; first is empty where there is one."""
+
+    title: str
+    label: str
+    count: int
+    first: str
+    first_when: str
+    last: str
+    last_when: str
+    limit: str
+
+    @classmethod
+    def of(cls, series: Series) -> _Row:
+        first, *more = zip(series.runs, series.quantities, strict=True)
+        run, newest = more[-1] if more else first
+        begin = (str(first[1]), _moment(first[0])) if more else ("", "")
+        limit = against_limit(series).partition(" since")[0]
+        return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
+
+
+def _sides(values: Array) -> list[int]:
+    """The signs, 1 and -1, that values (n,) in any unit have."""
+    return [side for side in (1, -1) if np.any(side * values > 0)]
+
+
+def _set_time_axis(axes: Axes, zone: tzinfo | None) -> None:
+    """Label the time axis with years, days or times of the day, as the runs lie apart."""
+    ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(ticks)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks, tz=zone))  # type: ignore[no-untyped-call]
+
+
+def _moment(run: Record) -> str:
+    """When a run began, to the minute."""
+    return f"{run.when:%Y-%m-%d %H:%M}"
+
+
+def _spans_time(series: Series) -> bool:
+    """Whether there is a time to draw the figure over: one run, or runs of one moment, have none."""
+    return len({run.when for run in series.runs}) > 1
 
 
 def _is_beyond(series: Series) -> bool:
@@ -64,8 +122,10 @@ def _picture(series: Series) -> Markup:
     bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
     for bound, style in bounds:
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            axes.axhline(bound, ls=style, lw=1.0, color=_LIMIT)
-    axes.xaxis_date()
+            for side in _sides(values):  # a limit is of the size
+                axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
+    axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
+    _set_time_axis(axes, series.runs[-1].when.tzinfo)
     axes.set_ylabel(series.unit)
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)

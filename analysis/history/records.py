@@ -36,7 +36,7 @@ _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 class Record:
     """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
     problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file. readings: the
-    digest of what was measured, empty where nothing could be read."""
+    digest of what was measured, empty where nothing could be read. simulated: whether no robot was measured."""
 
     name: str
     fingerprint: str
@@ -49,6 +49,7 @@ class Record:
     problem: str = ""
     figures: dict[str, Quantity] = field(default_factory=dict)
     readings: str = ""
+    simulated: bool = False
 
     @property
     def title(self) -> str:
@@ -82,14 +83,14 @@ def fingerprint_of(run: Path) -> str:
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
     """Evaluate a run by itself, so that its record does not depend on the other runs; never raises for a bad run."""
-    program, problem, readings = "", "", ""
+    program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
     try:
         datetime.fromisoformat(manifest.started)
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
             measured = load_measured(path)
-            readings = measured.run.readings_sha256
+            readings, simulated = measured.run.readings_sha256, measured.is_simulated
             program = _program(measured.rig, manifest.test)
             result = result_of(measured)
             figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
@@ -98,7 +99,7 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
     except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:
         problem = f"the computation failed: {error}"
     plain = _plain_record(path, manifest, fingerprint, program, problem, figures)
-    return replace(plain, readings=readings)
+    return replace(plain, readings=readings, simulated=simulated)
 
 
 def record_without_figures(run: RunInfo, problem: str) -> Record:

@@ -15,7 +15,7 @@ from analysis.frames import for_json, table_of_rows
 from analysis.history.before_after import Difference, headlines
 from analysis.history.history import History, Series, label_of
 from analysis.history.limits import judge
-from analysis.history.words import against_limit, dates, doubts, remarks, sentences
+from analysis.history.words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
 from analysis.reporting.wide_tables import whole
@@ -27,21 +27,25 @@ _WIDTH = 20
 
 def as_screen(history: History) -> RenderableType:
     """The sentences, a line for each figure, and what stands behind them."""
-    found = [Text(sentence, style="bold") for sentence in sentences(history)]
+    found = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
+    found += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
     lines = [Text(line, style="dim") for line in remarks(history)]
     return Group(*found, _table(history), *lines, *(Text(line, style="yellow") for line in doubts(history)))
 
 
 def _table(history: History) -> Table:
     days = [run.when.date() for series in history.series for run in series.runs]
-    title = f"{history.robot} · {min(days)} to {max(days)}" if days else history.robot
+    span = sorted({str(min(days)), str(max(days))}) if days else []
+    title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
     table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
-    for heading in ("runs", "first", "last", "spread"):
-        table.add_column(heading, justify="right")
-    table.add_column("over the runs", no_wrap=True)
-    table.add_column("")
+    is_one = all(len(series.runs) == 1 for series in history.series)
+    for heading in ("value ± u",) if is_one else ("runs", "first", "last", "spread"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    if not is_one:
+        table.add_column("course", no_wrap=True)
+        table.add_column("")
     is_limited = any(series.limit for series in history.series)
     if is_limited:
         table.add_column("limit")
@@ -49,8 +53,9 @@ def _table(history: History) -> Table:
     for series in history.series:
         style = "bold" if series.trend.changes else ""
         name = "" if series.title == before else series.title
-        limit = [against_limit(series)] if is_limited else []
-        table.add_row(name, series.label, *_cells(series), sparkline(series.values), _mark(series), *limit, style=style)
+        limit = [against_limit(series).partition(" since")[0]] if is_limited else []
+        over = [str(series.quantities[0])] if is_one else [*_cells(series), sparkline(series.values), _mark(series)]
+        table.add_row(name, series.label, *over, *limit, style=style)
         before = series.title
     return whole(table)
 
@@ -72,7 +77,7 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
         is_known = bool(np.isfinite(by.u))
         verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
         cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
-        cells += [by.rounded(by.u), by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
+        cells += [by.rounded_u, by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
         cells.append(verdict)
         name = "" if one.title == title else one.title
         table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
@@ -87,7 +92,7 @@ def _cells(series: Series) -> tuple[str, str, str, str]:
     spread = series.trend.spread
     by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
     first, last = (by.rounded(one.value) for one in (quantities[0], quantities[-1]))
-    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded(spread) if np.isfinite(spread) else "–"
+    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded_size(spread) if np.isfinite(spread) else "–"
 
 
 def _mark(series: Series) -> str:
@@ -109,6 +114,7 @@ def as_object(history: History) -> dict[str, Any]:
     plain: dict[str, Any] = for_json(
         {
             "robot": history.robot,
+            "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
             "series": [_series_object(series) for series in history.series],

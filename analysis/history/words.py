@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import date
 
 from analysis.history.changes import FALSE_ALARMS, NEWEST, Change
 from analysis.history.history import History, Series
 from analysis.history.limits import judge
+from analysis.history.records import Record, in_time
 from analysis.history.shapes import FEWEST
 from analysis.measures.quantity import Quantity
+from analysis.reporting.origins import simulated_runs
 from rigs.text import plain
 
 _MOST_NAMED = 5
@@ -27,14 +29,33 @@ def sentences(history: History) -> list[str]:
     return [*limited, "No figure changed by more than its scatter between runs explains."]
 
 
+def origin(history: History) -> str:
+    """Say whether runs are simulated; empty where none is."""
+    runs = _runs_of(history)
+    return simulated_runs(sum(run.simulated for run in runs), len(runs))
+
+
+def too_few(history: History) -> str:
+    """Say why there is no sentence, as that one run is too few to show a change; its day is said."""
+    runs = _runs_of(history)
+    if not runs:
+        return "No run has a figure that is followed."
+    begin = "There is one run" if len(runs) == 1 else f"There are {len(runs)} runs"
+    return f"{begin}, {_span(runs)}: a change shows only from {2 * FEWEST} runs of a test on."
+
+
+def _runs_of(history: History) -> list[Record]:
+    """Every run that is in a series, once, in order of time."""
+    return in_time({run.name: run for series in history.series for run in series.runs}.values())
+
+
 def remarks(history: History) -> list[str]:
     """What stands behind the sentences: how much was looked at, what was left out, what is too short."""
-    runs = {run.name for series in history.series for run in series.runs}
+    runs = _runs_of(history)
     short = sum(map(is_short, history.series))
-    lines = [
-        f"{_count(len(history.series), 'series', 'series')} of {_count(len(runs), 'run')} looked at; of a robot that "
-        f"does not change, {FALSE_ALARMS:.0%} of histories report a change"
-    ]
+    alarms = f"; of a robot that does not change, {FALSE_ALARMS:.0%} of histories report a change"
+    looked_at = f"{_count(len(history.series), 'series', 'series')} of {_count(len(runs), 'run')} looked at"
+    lines = [looked_at + (alarms if short < len(history.series) else "")]
     if short:
         lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to show a change")
     if any(len(series.runs) > NEWEST for series in history.series):
@@ -77,7 +98,8 @@ def against_limit(series: Series) -> str:
     if judged is None:
         return ""
     word = {"pass": "within", "watch": "watch", "fail": "beyond"}[judged.standing]
-    since = "" if judged.standing == "pass" else f" since {judged.since.when.date()}"
+    is_dated = judged.standing != "pass" and judged.count > 1
+    since = f" since {judged.since.when.date()}" if is_dated else ""
     return f"{word} {judged.bound:g}{since}"
 
 
@@ -87,6 +109,11 @@ def _limit_sentences(series: Series) -> list[str]:
     if judged is None or (judged.standing == "pass" and not judged.beyond):
         return []
     figure = f"{series.label[0].upper()}{series.label[1:]} of {series.title}"
+    newest = judged.newest.figures[series.figure]
+    if judged.count == 1:
+        stands = "is beyond" if judged.standing == "fail" else "is not proven within"
+        of = f"run {judged.newest.name} of {_day(judged.newest.when)}"
+        return [f"{figure} {stands} its limit of {judged.bound:g} {series.unit}: {of} has {newest}."]
     since = f"{judged.bound:g} {series.unit} since {_day(judged.since.when)} (run {judged.since.name})"
     said = {
         "pass": f"was beyond its limit, and has been within {since}",
@@ -94,9 +121,8 @@ def _limit_sentences(series: Series) -> list[str]:
         "fail": f"has been beyond its limit of {since}",
     }[judged.standing]
     beyond = judged.beyond
-    days = f"from {_day(beyond[0].when)} to {_day(beyond[-1].when)}" if beyond else ""
-    among = f"; {len(beyond)} of {_count(judged.count, 'run')} beyond, {days}" if beyond else ""
-    return [f"{figure} {said}: the newest run has {judged.newest.figures[series.figure]}{among}."]
+    among = f"; {len(beyond)} of {judged.count} runs beyond, {_span(beyond)}" if beyond else ""
+    return [f"{figure} {said}: the newest run has {newest}{among}."]
 
 
 def dates(series: Series, change: Change) -> str:
@@ -109,7 +135,13 @@ def dates(series: Series, change: Change) -> str:
     return f"between {begin if same_year else _day(first)} and {_day(last)}"
 
 
-def _day(when: datetime) -> str:
+def _span(runs: Sequence[Record]) -> str:
+    """The days of runs in order of time, as `from 1 May 2026 to 6 May 2026`."""
+    first, last = _day(runs[0].when), _day(runs[-1].when)
+    return f"on {first}" if first == last else f"from {first} to {last}"
+
+
+def _day(when: date) -> str:
     return f"{when.day} {_MONTHS[when.month - 1]} {when.year}"
 
 

@@ -53,7 +53,7 @@ class BetweenRuns:
     @property
     def in_sd(self) -> str:
         """The standard deviation between the runs, as people read it."""
-        return self.mean.rounded(self.sd)
+        return self.mean.rounded_size(self.sd)
 
 
 @dataclass(frozen=True)

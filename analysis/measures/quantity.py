@@ -15,6 +15,13 @@ _TWO_SIGMA = 0.9545
 """Probability within two standard deviations of the normal law."""
 _EXACT = 1e-9
 """Above the rounding error of a logarithm, so that 0.1 counts as 10⁻¹."""
+_FINEST_MM = 4
+"""Decimals of a length that a reader uses: 0.1 um, the finest step of the gauges that rig knows (docs/rig-file.md)."""
+_FINEST_DEG = 5
+"""Decimals of an angle that a reader uses, and digits of one above 1 degree: 0.00001 degrees are 0.2 um at 1 m, and no
+place on the circle is looked for more closely than 0.01 degrees."""
+_WITHOUT_U = 4
+"""Decimals of a figure whose uncertainty is not known."""
 PLACE = "_at_deg"
 """Ending of the names of places on the circle."""
 _SIGNS = {"c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
@@ -34,8 +41,8 @@ class Quantity:
     noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
-        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`."""
-        return f"{self.rounded(self.value)} ± {self.rounded(self.u)} {self.sign}".rstrip()
+        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; to fewer where no reader uses them."""
+        return f"{self.rounded(self.value)} ± {self.rounded_u} {self.sign}".rstrip()
 
     @property
     def sign(self) -> str:
@@ -43,12 +50,40 @@ class Quantity:
         return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
-        """A value to the digits that this figure's uncertainty leaves."""
+        """A value to the digits that this figure's uncertainty, and its reader, leave."""
+        digits = self._digits
+        return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # adding 0 turns −0 into 0
+
+    @property
+    def rounded_u(self) -> str:
+        """The uncertainty to the same digits; upwards where these are too few for it (JCGM 100, 7.2.6)."""
+        digits = self._digits
+        if 0 < self.u < np.inf and digits < self._digits_of_u:
+            return self.rounded(float(np.ceil(self.u * 10**digits - _EXACT)) / 10**digits)
+        return self.rounded(self.u)
+
+    def rounded_size(self, size: float) -> str:
+        """A size that is not zero to the same digits: `< 0.0001` where these do not show it."""
+        digits = max(0, self._digits)
+        return f"< {10.0**-digits:.{digits}f}" if 0 < abs(size) < 0.5 * 10.0**-digits else self.rounded(size)
+
+    @property
+    def _digits(self) -> int:
+        """Decimals with which this figure is written, negative for tens and hundreds."""
         if not 0 < self.u < np.inf:
-            return f"{round(value, 4) + 0.0:.4f}"  # adding 0 turns −0 into 0
+            return _WITHOUT_U
+        if self.unit == "mm":
+            return min(self._digits_of_u, _FINEST_MM)
+        if self.unit == "deg":
+            whole = len(str(int(abs(self.value)))) if 1 <= abs(self.value) < np.inf else 0
+            return min(self._digits_of_u, _FINEST_DEG - whole)
+        return self._digits_of_u
+
+    @property
+    def _digits_of_u(self) -> int:
+        """Decimals that show two digits of the uncertainty."""
         two_digits = float(f"{self.u:.1e}")  # 0.0998 is 0.10, with its last digit one place further up
-        digits = 1 - int(np.floor(np.log10(two_digits) + _EXACT))
-        return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"
+        return 1 - int(np.floor(np.log10(two_digits) + _EXACT))
 
 
 def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:

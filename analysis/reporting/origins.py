@@ -1,4 +1,4 @@
-"""Where the effects of a rig file came from, in words."""
+"""Where the effects of a rig file and the runs of a robot came from, in words."""
 
 from __future__ import annotations
 
@@ -17,6 +17,17 @@ def begins_with(effects: Sequence[Effect]) -> str:
         origins.setdefault(_origin(effect), []).append(name_of(effect))
     count = f"{len(effects)} effect{'s' * (len(effects) != 1)}"
     return f"{count}, " + "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
+
+
+def simulated_runs(simulated: int, runs: int) -> str:
+    """Say that runs measured no robot; empty where all did. simulated: how many of the runs."""
+    if not simulated:
+        return ""
+    if simulated == runs:
+        which, whose = "This run is" if runs == 1 else "All runs are", "no robot was measured"
+    else:
+        which, whose = f"{simulated} of {runs} runs {'is' if simulated == 1 else 'are'}", "that measured no robot"
+    return f"{which} simulated or of an emulated cell; {whose}."
 
 
 def _origin(effect: Effect) -> str:

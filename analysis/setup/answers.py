@@ -35,6 +35,8 @@ class Answers(Part):
     baseline_mm: Annotated[float, Field(gt=0, le=10_000)] | None = None
     arm: str | None = Field(default=None, max_length=4096)
     tool: Pose | None = None
+    tolerance_mm: Annotated[float, Field(ge=0, le=1000)] | None = None
+    """Error that the work allows at the ball; 0 where there are to be no limits."""
     circle: Circle | None = None
     circle_later: bool = False
 

@@ -30,6 +30,7 @@ class Options:
     baseline_mm: float | None
     arm: str | None
     tool: str | None
+    tolerance_mm: float | None
     circle_here: bool | None
     radius_mm: float
     listen_s: float

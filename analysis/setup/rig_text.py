@@ -12,6 +12,7 @@ from analysis.setup.arms import ChosenArm
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
+from rigs.schema.limits import limits_of_tolerance
 from rigs.text import plain
 from rigs.yaml_text import flow
 
@@ -62,10 +63,26 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
         yield from _indented(_part(answers.circle, ("centre_mm", "normal", "zero", "radius_mm")), 4)
     else:
         yield _NO_CIRCLE
-    if arm.repeatability_mm is not None:
-        yield ""
+    yield from _limits(answers, arm.repeatability_mm)
+
+
+def _limits(answers: Answers, rp_mm: float | None) -> Iterator[str]:
+    """The limits that follow from what the work allows, and the data sheet's; no lines where there are none."""
+    if not answers.tolerance_mm and rp_mm is None:
+        return
+    yield ""
+    if answers.tolerance_mm:
+        radius_mm = answers.circle.radius_mm if answers.circle else Circle.model_fields["radius_mm"].default
+        limits = limits_of_tolerance(answers.tolerance_mm, radius_mm, rp_mm)
+        allowed = f"{answers.tolerance_mm:g}"
+        yield f"limits: # {allowed} mm allowed at the ball; angles are that over the radius, {radius_mm:g} mm"
+        for test, figures in limits.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"}).items():
+            if figures:
+                yield f"  {test}: {flow(figures)}"
+    else:
         yield "limits:"
-        yield f"  data_sheet_rp_mm: {flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
+    if rp_mm is not None:
+        yield f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
 def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:

@@ -19,10 +19,12 @@ from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback
+from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
 from rigs.schema.robot import Pose
 from rigs.schema.vocabulary import maker_of
 
 _COLUMNS = 79
+_MOST_TOLERANCE_MM = 1000.0
 _ADDRESS = """\
 Robot: its host name or IP address (Universal Robots);
   tcp://HOST:PORT, or a serial port, of a program that prints its joints;
@@ -117,6 +119,33 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
         tool = dialogue.ask(question, "--tool", _pose, usual)
     return answers.model_copy(update={"tool": tool})
+
+
+def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask what error the work allows, from which the limits follow; the arm's repeatability gives what is offered."""
+    tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
+    if tolerance_mm is None:
+        rp_mm = chosen_arm(answers.arm or "").repeatability_mm
+        whose = "that of the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is not known"
+        question = (
+            "Limits: every figure is judged by the error that your work allows at the ball.\n"
+            f"Up to {WATCH_SHARE:.0%} of it is a PASS, up to all of it a WATCH, and more a FAIL. Offered are\n"
+            f"{TOLERANCE_BY_RP:g} times a repeatability of {rp_mm or USUAL_RP_MM:g} mm, {whose}.\n"
+            "Allowed error in mm, 0 for no limits"
+        )
+        offered = f"{offered_tolerance_mm(rp_mm):g}"
+        tolerance_mm = dialogue.ask(question, "--tolerance-mm", _tolerance_mm, offered)
+    return answers.model_copy(update={"tolerance_mm": tolerance_mm})
+
+
+def _tolerance_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= _MOST_TOLERANCE_MM:
+        raise FileError(repr(text), "is not an error in mm", "type it as 0.25, or 0 for no limits")
+    return value
 
 
 def _pose(text: str) -> Pose:

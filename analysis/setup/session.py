@@ -12,7 +12,7 @@ from analysis.setup.dialogue import Dialogue
 from analysis.setup.gauge_questions import ask_baseline, ask_gauges
 from analysis.setup.options import Options, checked
 from analysis.setup.rig_text import rig_text
-from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tool
+from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tolerance, ask_tool
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import parse
@@ -29,7 +29,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     answers = load_answers(path)
     if answers.count:
         dialogue.say(f"going on with the answers in {kept_in(path)}; remove it to begin again")
-    for ask in (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool):
+    for ask in (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance):
         answers = ask(answers, options, dialogue)
         keep_answers(path, answers)
     answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])

@@ -52,6 +52,12 @@ class Measured(Tabular):
         manifest = self.run.manifest
         return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether no robot was measured: a simulated table, or a run of an emulated cell."""
+        table = self.run.manifest.table
+        return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
+
     def to_table(self) -> pa.Table:
         """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
         return columns_of(self.table) if self.run.table is None else self.run.table

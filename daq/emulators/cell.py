@@ -132,9 +132,10 @@ class Cell:
         """Return the number of readings sent so far, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
-    def rig_text(self, text: str) -> str:
-        """Return a rig file's text with the ports of this cell in place of its own."""
-        data = data_of(text)
+    def rig_text(self, text: str, *, emulated: bool = False) -> str:
+        """Return a rig file's text with the ports of this cell in place of its own; emulated: says that no robot is
+        there."""
+        data = data_of(text) | ({"emulated": True} if emulated else {})
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)

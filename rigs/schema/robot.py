@@ -56,6 +56,8 @@ class Robot(Part):
     """Six revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
 
     name: str
+    serial: Annotated[str, Field(max_length=200)] = ""
+    """The serial number on the arm's name plate, which stands at the head of a report."""
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=6, max_length=6)]
     coupling: Annotated[tuple[Row, ...], Field(min_length=6, max_length=6)] = IDENTITY
     base: Pose = Pose()

@@ -3,12 +3,21 @@
 import pytest
 
 from analysis import evaluate, simulate
-from rigs.load import SHIPPED, load, parse
+from rigs.load import SHIPPED, load, parse, shipped
 from rigs.problems import RigFileError
-from rigs.schema.limits import CircleLimits, Limit, Limits, RadialLimits, RepeatabilityLimits
+from rigs.schema.limits import (
+    CircleLimits,
+    Limit,
+    Limits,
+    RadialLimits,
+    RepeatabilityLimits,
+    limits_of_tolerance,
+    offered_tolerance_mm,
+)
 from rigs.schema.vocabulary import TestName
 
-TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
+TEXT = (SHIPPED / "paper-fanuc.yaml").read_text().partition("# 0.25 mm is allowed")[0]
+"""A rig file without limits."""
 
 
 def test_one_number_is_a_fail_and_two_are_watch_and_fail() -> None:
@@ -19,6 +28,21 @@ def test_one_number_is_a_fail_and_two_are_watch_and_fail() -> None:
     assert limits.of("radial", "band_mm") == Limit(fail=1.0)
     assert limits.of("roll", "band_deg") is None
     assert limits.of("yaw", "amplitude_deg") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance_mm", "rp_mm"),
+    [("paper-fanuc", 0.25, None), ("paper-errors", 0.25, None), ("ur10e", 0.25, 0.05), ("ur10", 0.5, 0.1)],
+)
+def test_the_shipped_rigs_have_the_limits_that_rig_offers(name: str, tolerance_mm: float, rp_mm: float | None) -> None:
+    rig = load(name)[0]
+    assert rig.tests.circle is not None and offered_tolerance_mm(rp_mm) == tolerance_mm
+    assert rig.limits == limits_of_tolerance(tolerance_mm, rig.tests.circle.radius_mm, rp_mm)
+
+
+def test_every_shipped_rig_has_limits() -> None:
+    for name in shipped():
+        assert load(name)[0].limits.of("yaw", "circular_deviation_mm") is not None, name
 
 
 def test_the_data_sheet_limits_what_has_no_limit_of_its_own() -> None:

@@ -9,6 +9,7 @@ and its number alone, so that a plant can be made larger later.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -34,8 +35,11 @@ _STEP_DEG = 0.02
 """The play that is simulated, about as large as those that are mixed."""
 _ROWS = 240
 """Rows that are kept of a circle: enough for its figures, and a tenth of what a cell records."""
-_LIMITS = "  repeatability: {reversal_mean_mm: {watch: 0.20, fail: 0.26}, rp_mean_mm: {watch: 0.04, fail: 0.06}}\n"
-"""Limits that a robot of healthy plays keeps, and one whose play has grown does not."""
+_LIMITS = """limits:
+  data_sheet_rp_mm: 0.05
+  repeatability: {reversal_mean_mm: {watch: 0.20, fail: 0.26}, rp_mean_mm: {watch: 0.04, fail: 0.06}}
+"""
+"""In place of the shipped ones: limits that a robot of healthy plays keeps, and one whose play has grown does not."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ def write_visits(
 ) -> Iterator[Path]:
     """The runs of a robot, one of each test on each of these days after BEGAN; gives their paths."""
     _, text = load(CELL)
-    own = text.replace(f"name: {CELL}", f"name: {robot.name}", 1).rstrip("\n") + "\n" + _LIMITS
+    unlimited = re.sub(r"^limits:\n(  .*\n)+", "", text, flags=re.M)
+    own = unlimited.replace(f"name: {CELL}", f"name: {robot.name}", 1) + _LIMITS
     for day in days:
         for test in tests:
             yield _write(directory, robot, day, test, own, seed)

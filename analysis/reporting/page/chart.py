@@ -91,6 +91,11 @@ class Chart:
         return max(1e-9, *(float(np.abs(line.y).max()) for line in self.lines))
 
     @property
+    def largest_shown(self) -> str:
+        """The largest size in two digits, and never as a power of ten where it is readable without one."""
+        return f"{float(f'{self.largest:.2g}'):g}"
+
+    @property
     def hole(self) -> float:
         """Radius at which a polar picture has its circle of no deviation."""
         return _HOLE * self.largest

@@ -96,7 +96,7 @@ def _polar(chart: Chart) -> dict[str, Any]:
     radial = {
         "range": [0, hole + 1.4 * chart.largest],
         "tickvals": [hole, hole + chart.largest],
-        "ticktext": ["", f"+{chart.largest:.2g} {chart.unit}"],
+        "ticktext": ["", f"+{chart.largest_shown} {chart.unit}"],
         "angle": 45,
     }
     polar = {"radialaxis": radial, "angularaxis": {"dtick": 30, "ticksuffix": "°"}}

@@ -127,7 +127,7 @@ def _polar(chart: Chart) -> Sheet:
         axes.plot(turned, hole + line.y[order], ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name)
     axes.set_rlim(0, hole + 1.4 * chart.largest)
     axes.set_xticks(np.radians(range(0, 360, 30)), [f"{angle}°" for angle in range(0, 360, 30)])
-    axes.set_yticks([hole, hole + chart.largest], ["", f"+{chart.largest:.2g} {chart.unit}"], color=_GREY)
+    axes.set_yticks([hole, hole + chart.largest], ["", f"+{chart.largest_shown} {chart.unit}"], color=_GREY)
     axes.set_rlabel_position(45.0)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines["polar"].set_visible(False)

@@ -23,27 +23,30 @@ from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.chart import Picture
 from analysis.reporting.page.findings import diagnosis_words, findings_of, open_question
+from analysis.reporting.page.heading import NO_HEADING, Heading, fields_of
 from analysis.reporting.page.live_chart import colours, live
 from analysis.reporting.page.model_charts import diagnosis_charts
+from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
-from analysis.traces.loading import SIMULATED
 
 
-def write_page(report: Report, file: Path, language: Language = "en") -> Path:
-    """Write the page of a report, in place of a file that is there, which stays until the new one is whole.
+def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
+    """Write the page of a report, in place of a file that is there, which stays until the new one is whole; as a PDF
+    where the name of the file is one.
 
-    Raises FileError where nothing can be written.
+    Raises FileError where nothing can be written, and CellError where a PDF cannot be made.
     """
-    write_html(rendered(report, texts_of(language)), file)
+    write = write_pdf if is_pdf(file) else write_html
+    write(rendered(report, texts_of(language), heading), file)
     return file
 
 
-def rendered(report: Report, texts: Texts) -> str:
+def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
     """The page as HTML; all text in it is plain and escaped."""
     pages = environment()
     pages.filters["um"] = micrometres
@@ -54,6 +57,7 @@ def rendered(report: Report, texts: Texts) -> str:
     return pages.get_template("report.html").render(
         t=texts,
         measured_on=_measured_on(runs, texts),
+        heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,
         verdict_sentence=verdict_sentence(verdict, texts),
@@ -68,7 +72,7 @@ def rendered(report: Report, texts: Texts) -> str:
         runs=runs,
         instruments=instruments_of(report.rig),
         diagnosis_words=diagnosis_words(report.found) if report.found else "",
-        simulated_only=all(one.source.startswith(SIMULATED) for one in runs),
+        simulated_only=all(result.measured.is_simulated for result in report.results),
         version=_version(),
         written=dt.datetime.now(dt.UTC),
         style=_template("report.css"),

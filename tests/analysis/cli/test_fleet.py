@@ -79,6 +79,18 @@ def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
     assert "<script" not in html and "http" not in html.replace("http-equiv", "")
 
 
+def test_what_changed_is_empty_where_nothing_did_and_simulated_robots_are_called_so(work: Path) -> None:
+    simulated = "All runs are simulated or of an emulated cell; no robot was measured."
+    printed = fleet("plant", "-o", "page/plant.html")
+    html = (work / "page" / "plant.html").read_text()
+    assert simulated in printed and simulated in html and html.count("(simulated)") == 3
+    rows = re.findall(r"<tr>\s*<th scope=.row.>.*?</tr>", html, re.S)
+    changed = [re.sub(r"<[^>]*>", "", row.split('<td class="found">')[2].partition("</td>")[0]) for row in rows]
+    assert "fell from" in changed[0] and changed[1:] == ["", ""]
+    assert all(simulated in page.read_text() for page in (work / "page" / "plant-robots").iterdir())
+    assert {one["simulated"] for one in json.loads(fleet("plant", "--json"))["robots"]} == {9, 10}
+
+
 def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
     name = "<b>\x1b[31m../../x\u202e"
     one = known_robot(1, VISITS, 0.0)

@@ -65,7 +65,8 @@ def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tm
     told = "of yaw acw has been beyond its limit of 0.02 mm since 1 May 2026 (run 000-acw)"
     assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
     assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
-    assert "limit" not in ran("history", "ur10e", "--data", runs), "the rig file of the runs has none"
+    limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
+    assert "limit" not in ran("history", "ur10e", "--data", runs, "--rig", limited), "this rig file has none"
 
 
 def test_json_and_csv_hold_every_point(runs: Path) -> None:
@@ -82,7 +83,8 @@ def test_json_and_csv_hold_every_point(runs: Path) -> None:
 def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) -> None:
     answer = json.loads(ran("history", "ur10e", "--data", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
-    assert "fewer than 8 runs" in " ".join(answer["remarks"]) and not answer["sentences"]
+    assert "fewer than 8 runs" in " ".join(answer["remarks"])
+    assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
     for options, kind, words in (
         (["--since", "2027-01-01"], FileError, "no run since 2027-01-01"),
         (["--figure", "nothing"], UseError, "'nothing'"),

@@ -12,6 +12,7 @@ from subprocess import CompletedProcess
 import pytest
 
 from rigs.load import load
+from rigs.schema.limits import Limit
 from tests.support.bench import BIN
 from tests.support.command_line import ran
 from tests.support.live_terminal import Terminal
@@ -19,6 +20,7 @@ from tests.support.person import Person
 from tests.support.unknown_cells import UnknownCell, switched_on
 
 QUICK = ["--listen-s", "0.3"]
+LIMITED = ["--tolerance-mm", "0.4"]
 
 
 def command(*arguments: str | Path) -> list[str | Path]:
@@ -62,6 +64,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
             person.answers("Distance between the two gauges, in mm [50]:", "")
             person.answers("Arm: ", "ur10e")
             person.answers("The ball on the flange", "0,0,150,0,90,0")
+            person.answers("5 times a repeatability of 0.05 mm, that of the arm's data sheet", "")
             person.answers("Does the robot stand at the start", "")
             assert terminal.ended() == 0, terminal.text()
     rig, text = load(path)
@@ -70,6 +73,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
     assert names == {"g1": second, "g2": first}
     assert rig.feedback.port == unknown.robot
     assert not rig.effects and "# " in text
+    assert rig.limits.of("yaw", "circular_deviation_mm") == Limit(watch=0.125, fail=0.25)
     assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
 
 
@@ -77,13 +81,14 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
     with switched_on("sylvac", "fanuc") as unknown:
         first, second = unknown.gauge_ports
         given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
-        done = init(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *QUICK)
+        done = init(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *LIMITED, *QUICK)
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "My Cell.yaml")
     assert rig.name == "my-cell" and [(gauge.port, gauge.offset_mm) for _, gauge in rig.gauges] == [
         (second, 20),
         (first, -20),
     ]
+    assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
     assert "good" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 
@@ -125,12 +130,20 @@ def test_the_same_command_goes_on_with_its_keys(tmp_path: Path) -> None:
             assert "Push gauge" not in terminal.text() and "Robot:" not in terminal.text()
 
 
-QUESTIONS = ["Robot: its", "Push gauge 1", "Distance between", "Arm: ", "The ball on", "Does the robot"]
+QUESTIONS = [
+    "Robot: its",
+    "Push gauge 1",
+    "Distance between",
+    "Arm: ",
+    "The ball on",
+    "Allowed error",
+    "Does the robot",
+]
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
 def test_interrupted_at_a_question_and_going_on(tmp_path: Path, question: str) -> None:
-    answers = dict(zip(QUESTIONS, ["", "1", "", "ur10e", "0,0,150", ""], strict=True))
+    answers = dict(zip(QUESTIONS, ["", "1", "", "ur10e", "0,0,150", "0.3", ""], strict=True))
     with switched_on("keyence", "ur") as unknown:
         answers["Robot: its"] = unknown.robot
         path = tmp_path / "cell.yaml"
@@ -170,11 +183,15 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("no arm of this name", "ur10e")
         person.answers("The ball", "1,2")
         person.answers("is not x,y,z", "0,0,150,0,90,0")
+        person.answers("Allowed error in mm", "0,3")
+        person.answers("is not an error in mm", "-1")
+        person.answers("is not an error in mm", "0.3")
         person.answers("Does the robot", "perhaps")
         person.answers("is not y or n", "n")
         assert terminal.ended() == 0
     rig, _ = load(tmp_path / "cell.yaml")
     assert [gauge.channel for _, gauge in rig.gauges] == [2, 1] and rig.gauges.baseline_mm == 60
+    assert rig.limits.of("radial", "band_mm") == Limit(watch=0.15, fail=0.3)
 
 
 @pytest.mark.parametrize(
@@ -211,6 +228,7 @@ def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
         given = ["--robot", unknown.robot, *unknown.robot_is_named, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
         with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
             person = Person(terminal)
+            person.answers("Allowed error", "0")
             person.asked("Does the robot")
             path.write_text("mine")
             person.types("n")

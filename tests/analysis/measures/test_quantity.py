@@ -17,6 +17,28 @@ def test_a_small_negative_value_is_no_negative_zero(u: float) -> None:
     assert Quantity(0.0, u, "mm").rounded(-0.06).startswith("-0.06")
 
 
+@pytest.mark.parametrize(
+    ("figure", "shown"),
+    [
+        (Quantity(0.330224, 0.00092, "deg"), "0.33022 ± 0.00092 °"),
+        (Quantity(400.19231, 0.0111, "mm"), "400.192 ± 0.011 mm"),
+        (Quantity(165.0401, 15.2, "deg"), "165 ± 15 °"),
+        (Quantity(165.0401, 0.0015, "deg"), "165.04 ± 0.01 °"),  # no reader looks for a place so closely
+        (Quantity(0.019999, 0.000016, "deg"), "0.02000 ± 0.00002 °"),
+        (Quantity(0.677325, 0.000025, "mm"), "0.6773 ± 0.0001 mm"),  # upwards: a u is never stated too small
+        (Quantity(94.6, 59.1, "ms"), "95 ± 59 ms"),
+    ],
+)
+def test_a_figure_has_two_digits_of_its_u_and_no_more_than_a_reader_uses(figure: Quantity, shown: str) -> None:
+    assert str(figure) == shown
+
+
+def test_a_spread_that_its_digits_do_not_show_is_not_called_zero() -> None:
+    figure = Quantity(0.6773, 0.0007, "mm")
+    sizes = (0.000004, 0.0012, 0.0)
+    assert [figure.rounded_size(size) for size in sizes] == ["< 0.0001", "0.0012", "0.0000"]
+
+
 @pytest.mark.parametrize("name", ["shift_deg", "distance_shift_deg", "max_at_deg"])
 @pytest.mark.parametrize("value", [-179.99, -90.0, 0.0, 45.0, 179.99, 180.0])
 def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name: str, value: float) -> None:

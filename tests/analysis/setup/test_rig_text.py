@@ -16,6 +16,7 @@ from analysis.setup.rig_text import rig_text
 from rigs.arms import arm_names
 from rigs.errors import FileError
 from rigs.load import load, parse
+from rigs.schema.limits import Limit, Limits, limits_of_tolerance
 from rigs.schema.robot import Pose
 from tests.support.drivers import FEEDBACKS, GAUGES, egm, keyence, modbus, rsi, rtde
 
@@ -35,6 +36,16 @@ def test_every_arm_comes_through(arm: str) -> None:
     assert rig.robot == chosen.robot.model_copy(update={"tool": TOOL})
     assert rig.limits.data_sheet_rp_mm == chosen.repeatability_mm
     assert (rig.name, rig.effects, rig.tests.circle) == ("cell", (), None)
+
+
+@pytest.mark.parametrize("arm", ["ur10e", "fanuc-m-10ia"])
+def test_the_allowed_error_becomes_limits(arm: str) -> None:
+    chosen = chosen_arm(arm)
+    rig = parse(rig_text(answers(tolerance_mm=0.14), chosen, "cell", TODAY), "cell.yaml")
+    assert rig.limits == limits_of_tolerance(0.14, 70.0, chosen.repeatability_mm)
+    assert rig.limits.of("yaw", "band_deg") == Limit(watch=0.0573, fail=0.115)  # 0.14 mm over 70 mm
+    none = parse(rig_text(answers(tolerance_mm=0.0), chosen, "cell", TODAY), "cell.yaml")
+    assert none.limits == Limits(data_sheet_rp_mm=chosen.repeatability_mm)
 
 
 @pytest.mark.parametrize("group", [group for _, group, _ in GAUGES], ids=[name for name, *_ in GAUGES])

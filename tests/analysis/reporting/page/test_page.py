@@ -26,6 +26,7 @@ from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered, write_page
 from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
+from rigs.schema.limits import Limits
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
 
@@ -138,7 +139,8 @@ def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:
 
 
 def test_a_page_without_a_verdict_says_which_limits_it_needs(report: Report) -> None:
-    text = _text(rendered(replace(report, results=report.results[:1]), texts_of("en")))
+    unlimited = report.rig.model_copy(update={"limits": Limits(data_sheet_rp_mm=0.05)})
+    text = _text(rendered(replace(report, rig=unlimited, results=report.results[:1]), texts_of("en")))
     assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and "a run of the repeatability test" in text
 
 
@@ -166,7 +168,7 @@ def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], 
     done = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.exception
     assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
-    refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.pdf")])
+    refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.txt")])
     assert isinstance(refused.exception, UseError) and "FILE.html" in str(refused.exception)
 
 

@@ -104,5 +104,6 @@ def test_a_fault_within_all_limits_is_to_be_watched(laps: list[Result], found: s
 
 def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
     (run,) = write_simulated(RIG, TEXT, "repeatability", (None,), [1], tmp_path)
-    (one,) = judge(evaluate_runs([load_run(run)]), RIG.limits, None, TEXTS).judged
-    assert (one.name, one.of_data_sheet, one.standing) == ("rp_mm", True, "pass")
+    judged = {one.name: one for one in judge(evaluate_runs([load_run(run)]), RIG.limits, None, TEXTS).judged}
+    assert (judged["rp_mm"].of_data_sheet, judged["rp_mm"].standing) == (True, "pass")
+    assert not judged["bi_mm"].of_data_sheet
