@@ -36,7 +36,8 @@ class WorkError:
 @dataclass(frozen=True)
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
-    controller, the entries in its words; and, if a path was given, the path and its corrected targets."""
+    controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
+    controller that has its entries if `entered`."""
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -45,6 +46,7 @@ class Corrections:
     work: WorkError
     path: tuple[Path, TargetPath, Corrected] | None
     at_controller: ControllerEntries | None = None
+    entered: bool = False
 
 
 def correct_rig(
@@ -69,7 +71,7 @@ def correct_rig(
     entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
-    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), _work(rig, found), targets, entries)
+    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), _work(rig, found), targets, entries, entered)
 
 
 def _work(rig: Rig, found: Sequence[Support]) -> WorkError:

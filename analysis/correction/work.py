@@ -53,15 +53,24 @@ def displaced_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 def used_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
     """Return what a correction corrects of the whole model: all that depends on the posture alone, but for effects that
     the rig file names without sufficient certainty."""
-    unused = {id(one.effect) for one in found if one.use == "none"}
-    whole = model_of(rig).effects
-    return tuple(one for one in whole if id(one) not in unused and one.compensation().use != "none")
+    unsure = _unsure(found)
+    return tuple(one for one in model_of(rig).effects if not _stays(one, unsure))
 
 
 def rest_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
     """Return what a correction leaves of the whole model."""
-    used = set(map(id, used_effects(rig, found)))
-    return tuple(one for one in model_of(rig).effects if id(one) not in used)
+    unsure = _unsure(found)
+    return tuple(one for one in model_of(rig).effects if _stays(one, unsure))
+
+
+def _unsure(found: Sequence[Support]) -> set[int]:
+    """Return the identities of the rig file's own effects that are not corrected; equal effects may stand there
+    twice."""
+    return {id(one.effect) for one in found if one.use == "none"}
+
+
+def _stays(effect: Effect, unsure: set[int]) -> bool:
+    return id(effect) in unsure or effect.compensation().use == "none"
 
 
 def rms_um(distance_mm: Array) -> float:

@@ -50,7 +50,8 @@ def as_table(found: ControllerEntries) -> RenderableType:
     parts.append(Text(carried(found), style="bold"))
     before, after = found.elsewhere_um
     if found.entries:
-        elsewhere = f"at postures spread over the same joint angles: {before:.0f} µm before, {after:.0f} µm after"
+        elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
+        elsewhere += f"{after:.0f} µm after"
         worse = ": worse, so enter them for this work only" if after > before else ""
         parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
     return Group(*parts)

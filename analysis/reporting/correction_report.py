@@ -60,7 +60,7 @@ def as_table(found: Corrections) -> RenderableType:
 
 def _first(found: Corrections) -> str:
     if found.at_controller:
-        return controller_report.first_sentence(found.at_controller)
+        return controller_report.first_sentence(found.at_controller) + _either(found)
     work = found.work
     if work.before_um - work.after_um < _GAIN_UM:
         return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
@@ -69,6 +69,16 @@ def _first(found: Corrections) -> str:
         f"Send the controller to {what}: the tool's error over the work falls from {work.before_um / 1e3:.3f} to "
         f"{work.after_um / 1e3:.3f} mm rms (standard uncertainty of the model {work.u_um / 1e3:.3f} mm)."
     )
+
+
+def _either(found: Corrections) -> str:
+    """Which controller the corrected path is for, since entries and targets together would correct twice."""
+    if not found.path or not found.at_controller or not found.at_controller.entries:
+        return ""
+    state = (
+        "that has these values already: it holds the rest" if found.entered else "without these values: use one of both"
+    )
+    return f" corrected-{found.path[0].name} is for a controller {state}."
 
 
 def _use(one: Support) -> str:

@@ -140,11 +140,46 @@ def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Pat
 
 
 def test_entries_do_not_make_it_worse_beside_the_work() -> None:
-    soft = Compliance(axis=2, deg_per_Nm=2e-4)
-    wave = TransmissionError(axis=1, order=2, amplitude_deg=0.02, phase_deg=30)
-    rig = _rig("ur10e", [_known(soft, 1e-5, RANGES), _known(wave, 1e-3, RANGES)])
-    before, after = controller_entries(rig, supports(rig), "ur").elsewhere_um
-    assert after < before
+    wide = ((-60.0, 60.0), (-120.0, 60.0), (-40.0, 130.0), (-160.0, 40.0), (-130.0, 70.0), (-180.0, 180.0))
+    faults: list[Effect] = [
+        JointOffset(axis=2, offset_deg=-0.03),
+        JointOffset(axis=4, offset_deg=0.05),
+        LinkGeometry(axis=3, field="a", delta=0.3),
+        Compliance(axis=2, deg_per_Nm=2e-4),
+        TransmissionError(axis=1, order=2, amplitude_deg=0.02, phase_deg=30),
+    ]
+    rig = _rig("ur10e", [_known(one, 1e-6, wide) for one in faults])
+    at = controller_entries(rig, supports(rig), "ur")
+    assert at.elsewhere_um[1] < 0.8 * at.elsewhere_um[0]
+    assert at.after_um < 0.5 * at.before_um
+
+
+def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    soft = _known(Compliance(axis=2, deg_per_Nm=2e-4), 1e-5)
+    cell.write_text(extended(load("paper-fanuc")[1], [soft], "cell"), encoding="utf-8")
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out")])
+    told = " ".join(done.stdout.split())
+    assert told.startswith(
+        "Send the controller to corrected targets (--path TARGETS.csv): the tool's error over the work"
+    )
+    rig = load(str(cell))[0]
+    q = work_angles(rig)
+    places = [tool_poses(model_of(rig, some), q)[:, :3, 3] for some in ((soft,), ())]
+    before = np.sqrt(np.mean(np.sum((places[0] - places[1]) ** 2, axis=1)))
+    # A twentieth of the softness is its uncertainty.
+    assert f"falls from {before:.3f} to {before / 20:.3f} mm rms" in told
+
+
+def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Path) -> None:
+    cell, path = tmp_path / "cell.yaml", tmp_path / "path.csv"
+    zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002)
+    cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
+    path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
+    for k, (option, told) in enumerate({"": "without these values", "--entered": "that has these values"}.items()):
+        options = [str(cell), "--path", str(path), "-o", f"{tmp_path}/{k}", *([option] if option else [])]
+        done = CliRunner().invoke(app, ["correct", *options])
+        assert f"corrected-path.csv is for a controller {told}" in " ".join(done.stdout.split())
 
 
 def test_an_error_after_correction_is_within_what_is_stated() -> None:
