@@ -1,7 +1,8 @@
-"""Corrections in the words of a controller: the parameters to change, what each change is worth, and what it leaves.
+"""Corrections in the words of a controller: the parameters to change, what each change is worth, and what all leave.
 
-An effect is entered where the controller has a parameter for it. Effects of which only the sum is known are entered all
-or none, because one of them alone would displace the arm by what the others hold.
+The whole model's error over the work is projected onto the parameters that the controller has. The work is always that
+of the rig file, never that of a path, so that one rig file has one set of entries and targets for a controller that has
+them stay right.
 """
 
 from __future__ import annotations
@@ -11,28 +12,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.correction.constants import Correction, joint_zeros, link_constants
-from analysis.correction.controllers import CONTROLLERS, Controller
+from analysis.correction.controllers import CONTROLLERS, ConstantParameter, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.left_out import left_out_mm
+from analysis.correction.pose_uncertainty import PoseUncertainty, displacements, pose_uncertainty, position_u_mm
+from analysis.correction.projection import Constant, project
 from analysis.correction.support import Support
-from analysis.correction.work import displaced_mm, position_u_mm, tool_poses, work_angles
-from analysis.kinematics.arm import Array
+from analysis.correction.work import displaced_mm, rest_effects, rms_um, tool_poses, used_effects, work_angles
+from analysis.kinematics.arm import Array, arm_of
 from analysis.model.predict import model_of
 from rigs.effects import Effect
 from rigs.errors import UseError
 from rigs.rig import Rig
-from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import Maker
+
+_FEWEST, _SPREAD = 12, 60
+"""Postures below which the work is too little for entries, and those that are taken then instead. Chosen: some 24
+constants need several times as many numbers."""
+_AROUND_RAD = np.radians(30.0)
+"""How far to either side of the work they are, where the runs' joint angles are unknown. Chosen: a usual reach."""
+_NO_MOVE_MM = 1e-9
+"""A change of the tool below which an entry does nothing."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """One change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
-    `reading_deg` is by how much the axis then reads more at an unchanged posture. `worth_um` is by how much the change
-    moves the tool, root mean square over the work of the rig; `leaves_um` is the part of it that its uncertainty
-    leaves.
+    `now` is the size of the value before, where only its growth is stated. `reading_deg` is by how much the axis then
+    reads more at an unchanged posture. `worth_um` is by how much the change moves the tool, root mean square over the
+    work of the rig; `leaves_um` is the part of it that its uncertainty leaves.
     """
 
     axis: int
@@ -40,6 +49,7 @@ class Entry:
     add: float
     u: float
     unit: str
+    now: float | None
     reading_deg: float
     worth_um: float
     leaves_um: float
@@ -47,37 +57,50 @@ class Entry:
 
 @dataclass(frozen=True)
 class NotEntered:
-    """An effect for which the controller has no parameter, what it does to the tool over the work, root mean square,
-    and whether corrected targets hold it."""
+    """An effect that no constant and no target holds, and what it does to the tool over the work, root mean square."""
 
     effect: Effect
     worth_um: float
-    by_path: bool
 
 
 @dataclass(frozen=True)
 class ControllerEntries:
     """All changes at one controller and what they leave.
 
-    `entered` lists the effects that the entries hold. `before_um` and `after_um` are the error of the tool's position
-    over the work, root mean square, without and with the changes; the latter has the uncertainty of the entered effects
-    and all effects that are not entered. `steps` are for the person who enters the values.
+    `effects` are the changes as effects of the nominal arm. `before_um` and `after_um` are the error of the tool's
+    place over the work, root mean square, without and with the changes, `by_targets_um` with corrected targets; each
+    has what nothing can correct, the latter two also the uncertainty of the model. `elsewhere_um` is the
+    error of the model alone, without and with the changes, at postures spread over the joint angles of the work or the
+    runs. `twins` names parameters of which only a combination is known.
     """
 
     name: Maker
     controller: Controller
     entries: tuple[Entry, ...]
-    entered: tuple[Support, ...]
+    effects: tuple[Effect, ...]
+    twins: tuple[tuple[str, ...], ...]
     not_entered: tuple[NotEntered, ...]
     before_um: float
     after_um: float
+    by_targets_um: float
+    elsewhere_um: tuple[float, float]
     steps: tuple[str, ...]
+
+    @property
+    def carried_um(self) -> float:
+        """How much of the error the entries take away."""
+        return self.before_um - self.after_um
+
+    @property
+    def carried_by_targets_um(self) -> float:
+        """How much of the error corrected targets take away."""
+        return self.before_um - self.by_targets_um
 
 
 def controller_entries(
     rig: Rig, found: Sequence[Support], name: Maker, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
-    """Return the changes at a controller for the effects of a rig that it has parameters for.
+    """Return the changes at a controller that hold most of a rig's model.
 
     `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises UseError for a scale that the
     controller has no use for.
@@ -85,20 +108,28 @@ def controller_entries(
     controller = CONTROLLERS[name]
     if scale and not controller.scale:
         raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
-    entered = _entered(found, controller)
-    others = [one for one in found if one not in entered]
-    q = work_angles(rig)
-    corrections = [*joint_zeros(entered), *link_constants(rig, entered)]
-    entries = [_entry(rig, controller, scale, one, _effects_of(one, entered), q) for one in corrections]
+    used, rest, known = used_effects(rig, found), rest_effects(rig, found), pose_uncertainty(rig, found)
+    spread = _spread(rig, known)
+    q = work if len(work := work_angles(rig)) >= _FEWEST else spread
+    held = project(rig, used, _constants(rig, controller), q, spread)
+    u = held.u(displacements(known, np.concatenate([q, spread])))
+    sizes = zip(held.constants, held.values.tolist(), u.tolist(), (1e3 * held.worth_mm).tolist(), strict=True)
+    entries = [_entry(rig, controller, scale, *one) for one in sizes]
+    lengths = (controller.check_lengths,) if any(one.now is not None for one in entries) else ()
+    left_mm = np.linalg.norm(left_out_mm(rig, rest, q), axis=1)
+    doubt_mm = np.hypot(position_u_mm(known, q), left_mm)
     return ControllerEntries(
         name,
         controller,
         tuple(entries),
-        tuple(entered),
-        tuple(NotEntered(one.effect, _rms_um(_position_error_mm(rig, [one], q)), one.use != "none") for one in others),
-        _rms_um(_position_error_mm(rig, found, q)),
-        _rms_um(np.hypot(_position_error_mm(rig, others, q), position_u_mm(rig, entered, q))),
-        (*controller.steps, controller.check),
+        held.effects,
+        tuple(tuple(entries[k].parameter for k in group) for group in held.twins),
+        tuple(NotEntered(one, rms_um(left_out_mm(rig, [one], q)[:, 0])) for one in rest),
+        rms_um(np.hypot(displaced_mm(rig, used, q), left_mm)),
+        rms_um(np.hypot(_apart_mm(rig, used, held.effects, q), doubt_mm)),
+        rms_um(doubt_mm),
+        (rms_um(displaced_mm(rig, used, spread)), rms_um(_apart_mm(rig, used, held.effects, spread))),
+        (*controller.steps, *lengths, controller.check),
     )
 
 
@@ -108,20 +139,39 @@ def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected
     more_deg = np.zeros(6)
     for one in at.entries:
         more_deg[one.axis - 1] += one.reading_deg
-    entered = model_of(rig, [one.effect for one in at.entered])
-    return replace(targets, q=targets.q + np.radians(more_deg), T=tool_poses(entered, targets.q))
+    return replace(targets, q=targets.q + np.radians(more_deg), T=tool_poses(model_of(rig, at.effects), targets.q))
 
 
-def _entered(found: Sequence[Support], controller: Controller) -> list[Support]:
-    """Return the effects that the controller has parameters for, without those of which only a sum is known that it
-    cannot hold whole."""
-    kept = [one for one in found if _parameter(controller, one.effect) and one.use != "none"]
-    while True:
-        labels = {label_of(one.effect) for one in kept}
-        rest = [one for one in kept if not one.effect.found or set(one.effect.found.together) <= labels]
-        if len(rest) == len(kept):
-            return rest
-        kept = rest
+def _spread(rig: Rig, known: PoseUncertainty) -> Array:
+    """Return postures (n, 6) rad spread over the joint angles of the runs, or else over those around the work."""
+    work, limits = work_angles(rig), arm_of(rig.robot).limits
+    low, high = work.min(axis=0), work.max(axis=0)
+    if known.joints_rad is not None:
+        low, high = known.joints_rad.T
+    elif len(work) < _FEWEST:
+        low, high = low - _AROUND_RAD, high + _AROUND_RAD
+    low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
+    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, 6))
+    return postures
+
+
+def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
+    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad."""
+    places = [tool_poses(model_of(rig, each), q)[:, :3, 3] for each in (effects, others)]
+    apart: Array = np.linalg.norm(places[0] - places[1], axis=1)
+    return apart
+
+
+def _constants(rig: Rig, controller: Controller) -> list[Constant]:
+    """Return the constants of a rig's arm that a controller has."""
+    kept = [Constant(axis, "q_deg") for axis in range(1, 7)]
+    for one in controller.constants:
+        kept += [
+            Constant(axis, one.key)
+            for axis in one.axes
+            if not one.by_size or getattr(rig.robot.axes[axis - 1], one.key)
+        ]
+    return kept
 
 
 def _coupled_axes(rig: Rig) -> set[int]:
@@ -131,51 +181,28 @@ def _coupled_axes(rig: Rig) -> set[int]:
     return {int(k) + 1 for k in np.flatnonzero(np.abs(beside).sum(axis=0) + np.abs(beside).sum(axis=1))}
 
 
-def _place(effect: Effect) -> tuple[int, str]:
-    return effect.compensation().constant or (0, "")
-
-
-def _parameter(controller: Controller, effect: Effect) -> tuple[str, str, float] | None:
-    """Return the parameter for an effect with its unit and the change for a degree or mm, or None without one."""
-    axis, key = _place(effect)
-    if key == "q_deg":
-        return controller.zero.format(axis=axis), controller.unit, controller.per_deg
-    for one in controller.constants:
-        if one.key == key and axis > one.later:
-            return f"{one.name}[{axis - one.later}]", one.unit, one.per_unit
-    return None
-
-
-def _effects_of(one: Correction, entered: Sequence[Support]) -> list[Effect]:
-    return [each.effect for each in entered if _place(each.effect) == (one.axis, one.key)]
+def _parameter(controller: Controller, one: Constant) -> ConstantParameter:
+    return next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
 
 
 def _entry(
-    rig: Rig, controller: Controller, scale: Sequence[float] | None, one: Correction, effects: list[Effect], q: Array
+    rig: Rig, controller: Controller, scale: Sequence[float] | None, one: Constant, value: float, u: float, worth: float
 ) -> Entry:
-    named = _parameter(controller, effects[0])
-    assert named is not None  # noqa: S101 - entered effects have one
-    parameter, unit, per_unit = named
-    if controller.scale and scale and one.axis not in _coupled_axes(rig):
-        per_unit *= scale[one.axis - 1]
-    elif controller.scale:
-        parameter, unit, per_unit = f"reading of axis {one.axis}", "deg", 1.0
-    worth_um = _rms_um(displaced_mm(rig, effects, q))
-    leaves_um = worth_um * one.u / abs(one.delta) if one.delta else 0.0
-    # A robot whose model is changed, and not its zero, reads what it read before.
-    reading_deg = one.delta if one.key == "q_deg" and controller.changes_reading else 0.0
-    add, u = per_unit * one.delta, abs(per_unit) * one.u
-    return Entry(one.axis, parameter, add, u, unit, reading_deg, worth_um, leaves_um)
-
-
-def _position_error_mm(rig: Rig, found: Sequence[Support], q: Array) -> Array:
-    """Return the error of the tool's position, (n,) mm, from effects of all kinds: those that depend on the posture
-    together, the others beside them."""
-    postural = [one.effect for one in found if one.effect.compensation().use != "none"]
-    others = [one.effect for one in found if one.effect.compensation().use == "none"]
-    error: Array = np.hypot(displaced_mm(rig, postural, q), np.linalg.norm(left_out_mm(rig, others, q), axis=1))
-    return error
-
-
-def _rms_um(distance_mm: Array) -> float:
-    return 1e3 * float(np.sqrt(np.mean(distance_mm**2)))
+    """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
+    reading_deg, now = 0.0, None
+    if one.key != "q_deg":
+        parameter = _parameter(controller, one)
+        name, unit, per_unit = parameter.of(one.axis), parameter.unit, parameter.per_unit
+        if parameter.by_size:
+            nominal = float(getattr(rig.robot.axes[one.axis - 1], one.key))
+            per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
+    else:
+        name, unit, per_unit = controller.zero.format(axis=one.axis), controller.unit, controller.per_deg
+        if controller.scale and scale and one.axis not in _coupled_axes(rig):
+            per_unit *= scale[one.axis - 1]
+        elif controller.scale:
+            name, unit, per_unit = f"reading of axis {one.axis}", "deg", 1.0
+        # A robot whose model is changed, and not its zero, reads what it read before.
+        reading_deg = value if controller.changes_reading else 0.0
+    leaves_um = worth * u / abs(value) if worth > 1e3 * _NO_MOVE_MM else 0.0
+    return Entry(one.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth, leaves_um)

@@ -11,24 +11,42 @@ import numpy as np
 from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
+from analysis.correction.left_out import left_out_mm
+from analysis.correction.pose_uncertainty import pose_uncertainty, position_u_mm
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
+from analysis.correction.work import displaced_mm, rest_effects, rms_um, used_effects, work_angles
+from analysis.model.predict import model_of
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)
+class WorkError:
+    """The error of the tool's place over the work of a rig, root mean square in µm: `before_um` as it is, and
+    `after_um` with corrected targets, which is its standard uncertainty: `u_um` of the model and the rest of what no
+    target holds."""
+
+    before_um: float
+    after_um: float
+    u_um: float
+
+
+@dataclass(frozen=True)
 class Corrections:
-    """What can be corrected: the effects with their use, zeros and constants; at a controller, the entries in its
-    words; and, if a path was given, the path and its corrected targets."""
+    """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
+    controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
+    controller that has its entries if `entered`."""
 
     rig: Rig
     effects: tuple[Support, ...]
     zeros: tuple[Correction, ...]
     constants: tuple[Correction, ...]
+    work: WorkError
     path: tuple[Path, TargetPath, Corrected] | None
     at_controller: ControllerEntries | None = None
+    entered: bool = False
 
 
 def correct_rig(
@@ -43,7 +61,7 @@ def correct_rig(
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
     Raises FileError for a rig without effects, and for a path that cannot be read or reached; UseError for `entered`
     without what it needs."""
-    if not rig.effects:
+    if not model_of(rig).effects:
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
         )
@@ -53,7 +71,15 @@ def correct_rig(
     entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
-    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), targets, entries)
+    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), _work(rig, found), targets, entries, entered)
+
+
+def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
+    q = work_angles(rig)
+    left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, found), q), axis=1)
+    u_mm = position_u_mm(pose_uncertainty(rig, found), q)
+    before_mm = np.hypot(displaced_mm(rig, used_effects(rig, found), q), left_mm)
+    return WorkError(rms_um(before_mm), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm))
 
 
 def _targets(

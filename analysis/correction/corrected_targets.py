@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.correction.left_out import left_out_mm
+from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm
 from analysis.correction.support import Support
-from analysis.correction.work import position_u_mm, tool_poses
-from analysis.fitting.joint_coverage import outside_effect_coverage
-from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
+from analysis.correction.work import rest_effects, tool_poses, used_effects
+from analysis.fitting.joint_coverage import outside_coverage
+from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
@@ -37,8 +38,9 @@ class Corrected:
 
     `q` (n, 6) rad are the corrected angles and `T` (n, 4, 4) the poses of the nominal arm at them. `missed_mm` (n,) is
     the error that the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that
-    is not corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position, from the
-    uncertainties of the effects and from those that are not corrected. `doubts` are in words.
+    is not corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position, from that
+    of the model and from effects that are not corrected. `covered` (n,) is whether all joints stand where the runs
+    drove them, None where that is unknown. `doubts` are in words.
     """
 
     q: Array
@@ -47,6 +49,7 @@ class Corrected:
     left_out: tuple[str, ...]
     left_out_mm: Array
     u_mm: Array
+    covered: Mask | None
     doubts: tuple[str, ...]
 
 
@@ -56,8 +59,8 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
     `lines` (n,) are those of the targets in the file `where`, for messages. Raises FileError for a target beyond limits
     or at a singularity.
     """
-    used = [one for one in found if one.use != "none"]
-    model = model_of(rig, [one.effect for one in used])
+    used, known = used_effects(rig, found), pose_uncertainty(rig, found)
+    model = model_of(rig, used)
     _hold_limits(model.arm, q, lines, where)
     wanted = forward(model.arm, q)
     command, angles = wanted.copy(), q
@@ -73,7 +76,7 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
         error = np.abs(pose_error(reached, wanted)).max(axis=1)
         raise _singular(lines[int(error.argmax())], where)
     _hold_limits(model.arm, angles, lines, where)
-    rest = [one.effect for one in found if one.use == "none"]
+    rest = rest_effects(rig, found)
     left_out = left_out_mm(rig, rest, angles)
     return Corrected(
         angles,
@@ -81,8 +84,9 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
         _distance(tool_poses(model, q), wanted),
         tuple(map(label_of, rest)),
         left_out,
-        np.hypot(position_u_mm(rig, used, angles), np.linalg.norm(left_out, axis=1)),
-        tuple(outside_effect_coverage([one.effect for one in used], angles, "an effect corrected here")),
+        np.hypot(position_u_mm(known, angles), np.linalg.norm(left_out, axis=1)),
+        covered(known, angles),
+        tuple(_doubts(known, angles)),
     )
 
 
@@ -112,6 +116,17 @@ def _posture(rig: Rig, arm: Arm) -> Array:
             return np.radians(test.posture_deg)
     middle: Array = arm.limits.mean(axis=1)
     return middle
+
+
+def _doubts(known: PoseUncertainty, q: Array) -> list[str]:
+    """Return in words how many targets at angles q (n, 6) rad are not covered, and by which joints."""
+    inside = covered(known, q)
+    if inside is None or known.joints_rad is None or inside.all():
+        return []
+    counted = f"{int((~inside).sum())} of {len(q)} targets stand outside the joint angles of the runs"
+    ranges = [(low, high) for low, high in np.degrees(known.joints_rad).tolist()]
+    first = f"{counted}: they have no in the column covered, and u is not to be relied on there"
+    return [first, *outside_coverage(ranges, q, "the model")]
 
 
 def _distance(T: Array, other: Array) -> Array:

@@ -23,9 +23,10 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 POSES = (*PLACE, *TURN)
-ADDED = ("missed_mm", "left_out_mm", "u_mm")
+ADDED = ("missed_mm", "left_out_mm", "u_um", "covered")
 """Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
-effects that are not corrected, and the uncertainty of the corrected position, which includes the latter."""
+effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, and whether
+all joints stand where the runs drove them (yes, no or unknown)."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def _targets(
 
 def hold_uncorrected(path: TargetPath, where: str) -> None:
     """Raise FileError for a path with the columns of a corrected one."""
-    if there := [name for name in ADDED if name in path.columns]:
+    if there := [name for name in (*ADDED, "u_mm") if name in path.columns]:  # u_mm: of tables of earlier versions
         raise FileError(where, f"has a column {there[0]} already", "rename it; is the path corrected already?")
 
 
@@ -116,8 +117,10 @@ def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
     values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
     for name, corrected in zip((*JOINTS, *POSES), values.T, strict=True):
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
-    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
-    columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, added, strict=True)}
+    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), 1e3 * found.u_mm)
+    columns |= {name: np.round(one, 6).tolist() for name, one in zip(ADDED, added, strict=False)}
+    known = None if found.covered is None else found.covered.tolist()
+    columns["covered"] = ["unknown"] * len(found.q) if known is None else ["yes" if one else "no" for one in known]
     return pa.table(columns)
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from analysis.correction.support import Support
-from analysis.fitting.identifiability import parameter_label
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import drive, radial_program
 from analysis.kinematics.arm import Array, arm_of
@@ -53,22 +50,29 @@ def displaced_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     return distance
 
 
-def position_u_mm(rig: Rig, used: Sequence[Support], q: Array) -> Array:
-    """Return the standard uncertainty (n,) mm of the tool's position at joint angles q (n, 6) rad from those of some
-    effects, with the correlations in the rig file."""
-    model = model_of(rig, [one.effect for one in used])
-    base = tool_poses(model, q)[:, :3, 3]
-    names, moves = [], []
-    for k, one in enumerate(used):
-        effect: Any = one.effect
-        for field, sd in effect.found.sd.items():
-            effects = list(model.effects)
-            effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
-            moves.append(tool_poses(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
-            names.append((parameter_label(effect, field), effect.found.correlation))
-    squares = np.zeros(len(q))
-    for j, (_, known) in enumerate(names):
-        squares += (moves[j] ** 2).sum(axis=1)
-        for k, (other, _) in enumerate(names[:j]):
-            squares += 2 * known.get(other, 0.0) * (moves[j] * moves[k]).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+def used_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
+    """Return what a correction corrects of the whole model: all that depends on the posture alone, but for effects that
+    the rig file names without sufficient certainty."""
+    unsure = _unsure(found)
+    return tuple(one for one in model_of(rig).effects if not _stays(one, unsure))
+
+
+def rest_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
+    """Return what a correction leaves of the whole model."""
+    unsure = _unsure(found)
+    return tuple(one for one in model_of(rig).effects if _stays(one, unsure))
+
+
+def _unsure(found: Sequence[Support]) -> set[int]:
+    """Return the identities of the rig file's own effects that are not corrected; equal effects may stand there
+    twice."""
+    return {id(one.effect) for one in found if one.use == "none"}
+
+
+def _stays(effect: Effect, unsure: set[int]) -> bool:
+    return id(effect) in unsure or effect.compensation().use == "none"
+
+
+def rms_um(distance_mm: Array) -> float:
+    """Return the root mean square in µm of distances (n,) mm."""
+    return 1e3 * float(np.sqrt(np.mean(distance_mm**2)))

@@ -12,7 +12,7 @@ from rigs.effects import Effect
 
 JointRange = tuple[float, float]
 """Lowest and highest angle of a joint, in degrees."""
-_BEYOND_DEG = 3.0
+BEYOND_DEG = 3.0
 """Distance outside the measured range up to which a model is taken to be valid. Chosen: link constants and gear errors
 change little over 3 degrees."""
 
@@ -27,7 +27,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> 
     """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined."""
     lines = []
     for axis, ((low, high), angle) in enumerate(zip(covered, np.degrees(q_rad).T, strict=True), start=1):
-        outside = int(((angle < low - _BEYOND_DEG) | (angle > high + _BEYOND_DEG)).sum())
+        outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
             there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
             lines.append(

@@ -13,47 +13,72 @@ from analysis.correction.controller_entries import ControllerEntries, NotEntered
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of
 
+_REPORTED_UM = 1.0
+"""An effect that stays is listed where it moves the tool by at least this."""
+
+
+def first_sentence(found: ControllerEntries) -> str:
+    """What to enter where, what it gains, and what to check before motion."""
+    maker, targets = found.controller.maker, f"{found.by_targets_um:.0f} µm"
+    if not found.entries:
+        return (
+            f"Nothing is to be entered at this {maker} controller: none of its parameters takes up 1 µm of the "
+            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}."
+        )
+    count = "the value" if len(found.entries) == 1 else f"the {len(found.entries)} values"
+    reads = found.controller.changes_reading
+    check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
+    return (
+        f"Enter {count} below in {found.controller.place} of the {maker} controller: the tool's error over the work "
+        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms (corrected targets: {targets}); before any "
+        f"motion check that {check}."
+    )
+
 
 def as_table(found: ControllerEntries) -> RenderableType:
     """What to enter, in which order, what it is worth, and what stays."""
-    maker = found.controller.maker
-    if not found.entries:
-        head: RenderableType = Text(f"{maker}: no effect of this rig file has a parameter here", style="yellow")
-    else:
-        head = _entries(found)
-    parts: list[RenderableType] = [head]
+    parts: list[RenderableType] = []
     if found.entries:
+        parts.append(_entries(found))
         parts += [Text(f"{number}. {step}") for number, step in enumerate(found.steps, start=1)]
         parts.append(Text(f"from {found.controller.source}", style="dim"))
     parts.append(Text(found.controller.missing, style="dim"))
     if _unscaled(found):
         parts.append(Text(f"with --scale, six {found.controller.scale}: the same as {found.controller.unit}"))
-    parts += [Text(_not_entered(one)) for one in found.not_entered]
-    parts.append(
-        Text(
-            f"error of the tool over the tests of the rig file, rms: {found.before_um:.0f} µm before, "
-            f"{found.after_um:.0f} µm after these entries",
-            style="bold",
-        )
-    )
-    if found.entries and found.after_um > found.before_um:
-        warning = "these entries alone make it worse: they make up for effects that are not entered, so hold those too"
-        parts.append(Text(warning, style="yellow"))
+    parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in found.twins]
+    parts += [Text(f"not entered: {_stays(one)}") for one in found.not_entered if one.worth_um >= _REPORTED_UM]
+    parts.append(Text(carried(found), style="bold"))
+    before, after = found.elsewhere_um
+    if found.entries:
+        elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
+        elsewhere += f"{after:.0f} µm after"
+        worse = ": worse, so enter them for this work only" if after > before else ""
+        parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
     return Group(*parts)
+
+
+def carried(found: ControllerEntries) -> str:
+    """What the entries carry of the tool's error, and what corrected targets do."""
+    return (
+        f"entries carry {found.carried_um:.0f} of {found.before_um:.0f} µm over the work (rms); corrected targets "
+        f"carry {found.carried_by_targets_um:.0f}"
+    )
 
 
 def _entries(found: ControllerEntries) -> Table:
     title = (
-        f"the same at the controller ({found.controller.maker}), to be entered once; "
+        f"to be entered once at the controller ({found.controller.maker}); "
         "worth and leaves: rms of the tool over the tests"
     )
     table = Table(title=title, title_style="bold", title_justify="left", header_style="bold")
-    for heading in ("add to", "value", "± u", "unit", "reading", "worth", "leaves"):
+    lengths = any(one.now is not None for one in found.entries)
+    for heading in ("add to", *["now"] * lengths, "value", "± u", "unit", "reading", "worth", "leaves"):
         table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")
     for one in found.entries:
         reading = f"{one.reading_deg:+.4f}°" if one.reading_deg else "same"
         numbers = (_number(one.add, one.u), f"{one.u:.2g}", one.unit, reading)
-        table.add_row(one.parameter, *numbers, f"{one.worth_um:.0f} µm", f"{one.leaves_um:.0f} µm")
+        now = ["" if one.now is None else f"±{one.now:g}"] * lengths
+        table.add_row(one.parameter, *now, *numbers, f"{one.worth_um:.0f} µm", f"{one.leaves_um:.0f} µm")
     return whole(table)
 
 
@@ -67,9 +92,8 @@ def _unscaled(found: ControllerEntries) -> bool:
     return bool(found.controller.scale) and any(one.unit == "deg" for one in found.entries)
 
 
-def _not_entered(one: NotEntered) -> str:
-    way = "hold it by corrected targets: --path and --entered" if one.by_path else "stays"
-    return f"not entered: {label_of(one.effect)}, {one.worth_um:.0f} µm rms: {way}"
+def _stays(one: NotEntered) -> str:
+    return f"{label_of(one.effect)}, {one.worth_um:.0f} µm rms: no constant and no target holds it"
 
 
 def as_object(found: ControllerEntries) -> dict[str, Any]:
@@ -83,18 +107,21 @@ def as_object(found: ControllerEntries) -> dict[str, Any]:
                 "add": _short(one.add),
                 "u": _short(one.u),
                 "unit": one.unit,
+                "now": one.now and _short(one.now),
                 "reading_deg": _short(one.reading_deg),
                 "worth_um": _um(one.worth_um),
                 "leaves_um": _um(one.leaves_um),
             }
             for one in found.entries
         ],
-        "not_entered": [
-            {"name": label_of(one.effect), "worth_um": _um(one.worth_um), "by_corrected_targets": one.by_path}
-            for one in found.not_entered
-        ],
+        "not_entered": [{"name": label_of(one.effect), "worth_um": _um(one.worth_um)} for one in found.not_entered],
         "before_um": _um(found.before_um),
         "after_um": _um(found.after_um),
+        "corrected_targets_um": _um(found.by_targets_um),
+        "carried_um": _um(found.carried_um),
+        "carried_by_corrected_targets_um": _um(found.carried_by_targets_um),
+        "elsewhere_um": [_um(one) for one in found.elsewhere_um],
+        "known_only_together": [list(group) for group in found.twins],
         "steps": list(found.steps),
         "source": found.controller.source,
         "not_found_in_public": found.controller.missing,

@@ -28,18 +28,21 @@ from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
+_GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 _HEAD = """\
 # Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
 # link_constants: enter these into the controller if it accepts them; dh.csv is the whole table.
-# controller: the same zeros and constants as changes of the controller's own parameters; either these or the above.
+# controller: changes of the controller's own parameters that hold most of the whole model; either these or the above.
 # The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
 # u: standard uncertainty.
 """
 
 
 def as_table(found: Corrections) -> RenderableType:
-    """Each effect with its use and the reason, then what to change, then what it does to the path."""
+    """One sentence that says what to do; each effect with its use, then what to change, then what it does to the
+    path."""
     effects = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
     effects.add_column("effect")
     effects.add_column("value", justify="right")
@@ -48,11 +51,34 @@ def as_table(found: Corrections) -> RenderableType:
     for one in found.effects:
         style = "green" if one.use != "none" else "yellow"
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
-    parts: list[RenderableType] = [whole(effects)]
+    parts: list[RenderableType] = [Text(_first(found), style="bold"), Text(), whole(effects)]
     parts += [Text(line) for line in _lines(found)]
     if found.at_controller:
         parts += [Text(), controller_report.as_table(found.at_controller)]
     return Group(*parts)
+
+
+def _first(found: Corrections) -> str:
+    if found.at_controller:
+        return controller_report.first_sentence(found.at_controller) + _either(found)
+    work = found.work
+    if work.before_um - work.after_um < _GAIN_UM:
+        return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
+    what = f"the targets of corrected-{found.path[0].name}" if found.path else "corrected targets (--path TARGETS.csv)"
+    return (
+        f"Send the controller to {what}: the tool's error over the work falls from {work.before_um / 1e3:.3f} to "
+        f"{work.after_um / 1e3:.3f} mm rms (standard uncertainty of the model {work.u_um / 1e3:.3f} mm)."
+    )
+
+
+def _either(found: Corrections) -> str:
+    """Which controller the corrected path is for, since entries and targets together would correct twice."""
+    if not found.path or not found.at_controller or not found.at_controller.entries:
+        return ""
+    state = (
+        "that has these values already: it holds the rest" if found.entered else "without these values: use one of both"
+    )
+    return f" corrected-{found.path[0].name} is for a controller {state}."
 
 
 def _use(one: Support) -> str:
@@ -66,6 +92,8 @@ def _value(one: Support) -> str:
 
 
 def _lines(found: Corrections) -> list[str]:
+    if found.at_controller:  # its entries hold the whole model, and these would be entered a second time
+        return _path_lines(found)
     lines = [
         f"master axis {one.axis} so that it reads {one.delta:+.4f}° (± {one.u:.4f}°) more where it stands"
         for one in found.zeros
@@ -74,6 +102,11 @@ def _lines(found: Corrections) -> list[str]:
         f"axis {one.axis}, {one.key}: {one.corrected:.6g} instead of {one.nominal:.6g} (± {one.u:.2g})"
         for one in found.constants
     ]
+    return lines + _path_lines(found)
+
+
+def _path_lines(found: Corrections) -> list[str]:
+    lines = []
     if found.path:
         path, _, targets = found.path
         lines.append(
@@ -86,7 +119,7 @@ def _lines(found: Corrections) -> list[str]:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
         lines += targets.doubts
-    return lines or ["no effect of this rig file can be corrected"]
+    return lines
 
 
 def _left_out(targets: Corrected) -> Array:
@@ -119,6 +152,8 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
             "targets": len(targets.q),
             "largest_mm": {name: float(mm.max()) for name, mm in largest.items()},
             "left_out_mm": _budget(targets),
+            "u_um": [round(float(u), 3) for u in 1e3 * targets.u_mm],
+            "covered": None if targets.covered is None else targets.covered.tolist(),
             "doubts": list(targets.doubts),
         }
     return {**_contents(found), "path": path, "files": [str(file) for file in written]}
@@ -142,6 +177,7 @@ def _contents(found: Corrections) -> dict[str, Any]:
             }
             for one in found.effects
         ],
+        "work": {name: _um(getattr(found.work, name)) for name in ("before_um", "after_um", "u_um")},
         "controller": found.at_controller and controller_report.as_object(found.at_controller),
     }
 
@@ -154,6 +190,10 @@ def _constant(one: Correction) -> dict[str, Any]:
         "corrected": _short(one.corrected),
         "u": _short(one.u),
     }
+
+
+def _um(value: float) -> float:
+    return round(value, 3)
 
 
 def _short(value: float) -> float:

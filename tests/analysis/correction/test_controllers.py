@@ -155,49 +155,51 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path,
     alone, entered = (correct_rig(cell, path, name, entered=flag).path for flag in (False, True))
     assert alone and entered
     more_deg = np.degrees(entered[2].q - alone[2].q)
-    reading_deg = OFF_DEG if CONTROLLERS[name].changes_reading else np.zeros(6)
+    found = correct_rig(cell, path, name).at_controller
+    assert found and len(found.entries) > 2, "zeros and lengths hold a part of the soft joint too"
+    reading_deg = np.zeros(6)
+    for one in found.entries:
+        reading_deg[one.axis - 1] += one.reading_deg
+    assert CONTROLLERS[name].changes_reading == reading_deg.any()
     np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
 
 
-def test_what_has_no_parameter_is_left_to_targets_with_what_it_does(tmp_path: Path) -> None:
-    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+def test_what_no_constant_holds_is_listed_with_what_it_does(tmp_path: Path) -> None:
     play = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
-    length = LinkGeometry(axis=3, field="a", delta=0.4, found=_found(delta=0.03))
-    base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.03))
-    entries = _printed(
-        _cell(tmp_path, "paper-fanuc", [ZEROS[0], length, base, soft, play]), tmp_path / "out", "--controller", "kuka"
-    )
-    assert [one["parameter"] for one in entries["entries"]] == ["$MAMES[2]"]
-    left = {one["name"]: (one["by_corrected_targets"], one["worth_um"]) for one in entries["not_entered"]}
-    assert {name: by_path for name, (by_path, _) in left.items()} == {
-        "link_geometry 3.a": True, "link_geometry 1.d": True, "compliance 2": True, "backlash 1": False,
-    }  # fmt: skip
-    assert left["link_geometry 1.d"][1] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
-    assert left["link_geometry 3.a"][1] == pytest.approx(400, rel=1e-3)
+    base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.003))
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
+    assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
+    assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
+    assert entries["entries"][1]["worth_um"] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
+    (left,) = entries["not_entered"]
+    assert left["name"] == "backlash 1" and left["worth_um"] > 100
+    assert entries["after_um"] == pytest.approx(np.hypot(left["worth_um"], 3), rel=0.05)
+    assert entries["corrected_targets_um"] == pytest.approx(entries["after_um"], rel=1e-3)
 
 
-def test_an_entry_that_takes_away_what_held_another_effect_is_reported(tmp_path: Path) -> None:
-    """A zero that partly makes up for a wrong height: the zero alone corrected, the tool is further off."""
-    base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.03))
-    lowered = JointOffset(axis=2, offset_deg=0.03, found=_found(offset_deg=0.002))
-    cell = _cell(tmp_path, "paper-fanuc", [lowered, base])
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "kuka"])
-    assert "these entries alone make it worse" in " ".join(done.stdout.split())
+def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
+    """At a controller without lengths, where a soft joint was `not entered` before."""
+    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    cell = _cell(tmp_path, "paper-fanuc", [soft])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "abb"])
+    entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
+    assert targets < 0.1 * before < after < 0.9 * before
+    told = " ".join(done.stdout.split())
+    assert told.startswith("Enter the ")
+    assert f"falls from {before:.0f} to {after:.0f} µm rms (corrected targets: {targets:.0f} µm)" in told
+    assert f"entries carry {before - after:.0f} of {before:.0f} µm over the work" in told
 
 
-def test_effects_known_only_together_are_entered_together_or_not_at_all(tmp_path: Path) -> None:
-    def twin(effect: Effect, other: str) -> Effect:
-        assert effect.found
-        return effect.model_copy(update={"found": effect.found.model_copy(update={"together": (other,)})})
-
-    pair = [
-        twin(ZEROS[1], "link_geometry 5.a"),
-        twin(LinkGeometry(axis=5, field="a", delta=0.4, found=_found(delta=0.03)), "joint_offset 4"),
-    ]
-    cell = _cell(tmp_path, "ur10e", pair)
-    assert _printed(cell, tmp_path / "kuka", "--controller", "kuka")["entries"] == []
-    parameters = [one["parameter"] for one in _printed(cell, tmp_path / "ur")["entries"]]
-    assert parameters == ["delta_theta[4]", "delta_a[4]"]
+def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
+    """d2, d3 and d4 of three parallel axes do the same to every posture."""
+    cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=_found(delta=0.03))])
+    entries = _printed(cell, tmp_path / "out")
+    assert [one["parameter"] for one in entries["entries"]] == ["delta_d[2]", "delta_d[3]", "delta_d[4]"]
+    assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)
+    assert [one["u"] for one in entries["entries"]] == pytest.approx([1e-5] * 3, rel=1e-3)
+    assert entries["known_only_together"] == [["delta_d[2]", "delta_d[3]", "delta_d[4]"]]
+    assert entries["after_um"] == pytest.approx(30, rel=0.01)
 
 
 def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> None:
@@ -205,7 +207,7 @@ def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> No
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "fanuc"])
     assert "with --scale, six counts per degree" in " ".join(done.stdout.split())
     entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
-    assert [(one["parameter"], one["add"], one["unit"]) for one in entries["entries"]] == [
+    assert [(one["parameter"], round(one["add"], 6), one["unit"]) for one in entries["entries"]] == [
         ("reading of axis 2", -0.08, "deg"),
         ("reading of axis 4", 0.05, "deg"),
     ]

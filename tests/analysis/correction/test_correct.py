@@ -206,7 +206,7 @@ def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
     np.testing.assert_allclose(left_out_mm, play_mm, rtol=0.01)
     u_mm = [np.linalg.norm(_stands_mm(q + off * 1.04) - _stands_mm(q + off)) for q in told]
     np.testing.assert_allclose(
-        _written(out / "corrected-path.csv", ("u_mm",))[:, 0], np.hypot(play_mm, u_mm), rtol=0.01
+        _written(out / "corrected-path.csv", ("u_um",))[:, 0], 1e3 * np.hypot(play_mm, u_mm), rtol=0.01
     )
     stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
     assert max(stands) < 1e-4
@@ -232,8 +232,10 @@ def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_
 def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
     near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
-    assert targets and len(targets[2].doubts) == 1
-    assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[0]
+    assert targets and len(targets[2].doubts) == 2
+    assert "2 of 3 targets stand outside the joint angles of the runs" in targets[2].doubts[0]
+    assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
+    assert targets[2].covered is not None and targets[2].covered.tolist() == [True, False, False]
 
 
 def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
@@ -305,7 +307,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would stand at 200.000°, its limits are -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
-        (f"{HEAD},u_mm", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
+        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
         (HEAD, "", "has a header and no rows"),
     ],
 )

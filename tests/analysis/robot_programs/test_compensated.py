@@ -123,7 +123,7 @@ def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_ta
     q = drive(ARM, frame_of(circle), on_it, np.radians(circle.posture_deg), "circle")
     places, turns = zip(*(piece.at(share) for piece in one_lap), strict=True)
     left = _error_mm(np.concatenate(places), Rotation.concatenate(turns), q)
-    stated, missed = _column(path, "u_mm"), _column(path, "missed_mm")
+    stated, missed = 1e-3 * _column(path, "u_um"), _column(path, "missed_mm")
     assert missed.min() > 0.5
     assert left.max() < stated.max() + 0.05 * missed.max()  # an arc between targets cannot follow the error in full
     assert left[::POINTS] == pytest.approx(stated[: 2 * len(one_lap) : 2], rel=0.05)
@@ -133,7 +133,7 @@ def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_le
     path, q = tables("radial"), radial_stops(RIG)
     poses = _dwelt(_driven("ur", "radial", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)
-    stated, missed = _column(path, "u_mm"), _column(path, "missed_mm")
+    stated, missed = 1e-3 * _column(path, "u_um"), _column(path, "missed_mm")
     assert missed.min() > 0.25
     assert stated.min() * 0.95 < left.min() and left.max() < stated.max() * 1.05
 

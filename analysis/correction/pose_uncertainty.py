@@ -1,0 +1,125 @@
+"""How well the tool's pose is known: what a correction needs of any model's own uncertainty.
+
+A correction asks for two things: the covariance of the tool's place at joint angles, and the joint angles at which the
+model was tested. Entries at a controller need a third: how the uncertainty at one posture goes with that at another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from analysis.correction.support import Support
+from analysis.correction.work import tool_poses, used_effects
+from analysis.fitting.identifiability import parameter_label
+from analysis.fitting.joint_coverage import BEYOND_DEG
+from analysis.kinematics.arm import Array, Mask, pose_error
+from analysis.model.predict import model_of
+from rigs.rig import Rig
+
+
+class PoseUncertainty(Protocol):
+    """What a model knows of its own uncertainty."""
+
+    def position_covariance_mm2(self, q: Array) -> Array:
+        """Return the covariance (n, 3, 3) mm² of the tool's place in the world at joint angles q (n, 6) rad."""
+
+    @property
+    def joints_rad(self) -> Array | None:
+        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, None where unknown."""
+
+
+@runtime_checkable
+class JointPoseUncertainty(PoseUncertainty, Protocol):
+    """The same with what postures have in common."""
+
+    def pose_displacements(self, q: Array) -> Array:
+        """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
+        angles q (n, 6) rad: the sum of their squares is the covariance."""
+
+
+@dataclass(frozen=True)
+class EffectsUncertainty:
+    """The uncertainty of a rig from that of the effects in its rig file, with their correlations."""
+
+    rig: Rig
+    found: tuple[Support, ...]
+
+    def pose_displacements(self, q: Array) -> Array:
+        """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
+        model = model_of(self.rig, used_effects(self.rig, self.found))
+        base = tool_poses(model, q)
+        names, moves = [], []
+        for k, effect in enumerate(model.effects):
+            varied: Any = effect
+            if effect.found is None:
+                continue
+            for field, sd in effect.found.sd.items():
+                effects = list(model.effects)
+                effects[k] = varied.model_copy(update={field: getattr(effect, field) + sd})
+                moves.append(pose_error(base, tool_poses(replace(model, effects=tuple(effects)), q)))
+                names.append((parameter_label(effect, field), effect.found.correlation))
+        if not moves:
+            return np.zeros((0, len(q), 6))
+        known = np.eye(len(names))
+        for j, (_, correlation) in enumerate(names):
+            for k, (other, _) in enumerate(names[:j]):
+                known[j, k] = known[k, j] = correlation.get(other, 0.0)
+        values, vectors = np.linalg.eigh(known)
+        # Rounded correlations may make a combination a little less certain than nothing.
+        independent: Array = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
+        return independent
+
+    def position_covariance_mm2(self, q: Array) -> Array:
+        """Return the covariance (n, 3, 3) mm² of the tool's place at joint angles q (n, 6) rad."""
+        places = self.pose_displacements(q)[:, :, :3]
+        covariance: Array = np.einsum("kni,knj->nij", places, places)
+        return covariance
+
+    @property
+    def joints_rad(self) -> Array | None:
+        """The joint angles (6, 2) rad that the runs of all effects have in common, None where no effect has any."""
+        effects = used_effects(self.rig, self.found)
+        known = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
+        if not known:
+            return None
+        ranges = np.radians(np.array(known))
+        common: Array = np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
+        return common
+
+
+def pose_uncertainty(rig: Rig, found: Sequence[Support]) -> PoseUncertainty:
+    """Return what is known of the uncertainty of a rig's model."""
+    return EffectsUncertainty(rig, tuple(found))
+
+
+def position_u_mm(known: PoseUncertainty, q: Array) -> Array:
+    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad: the root of the trace
+    of its covariance."""
+    u_mm: Array = np.sqrt(np.trace(known.position_covariance_mm2(q), axis1=1, axis2=2))
+    return u_mm
+
+
+def displacements(known: PoseUncertainty, q: Array) -> Array:
+    """Return displacements (k, n, 6) mm and rad of one standard uncertainty each at joint angles q (n, 6) rad. A model
+    that states no more than the covariance of each place is taken to err alike at all of them, the worst case for what
+    is constant, and to know how the tool is turned."""
+    if isinstance(known, JointPoseUncertainty):
+        return known.pose_displacements(q)
+    values, vectors = np.linalg.eigh(known.position_covariance_mm2(q))
+    root = np.einsum("nik,nk,njk->inj", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
+    return np.concatenate([root, np.zeros_like(root)], axis=2)
+
+
+def covered(known: PoseUncertainty, q: Array) -> Mask | None:
+    """Return whether all joints stand where the runs drove them (n,), within a small margin, at joint angles q (n, 6)
+    rad; None where the runs' angles are unknown."""
+    joints = known.joints_rad
+    if joints is None:
+        return None
+    margin = np.radians(BEYOND_DEG)
+    inside: Mask = ((q >= joints[:, 0] - margin) & (q <= joints[:, 1] + margin)).all(axis=1)
+    return inside
