@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from analysis.api import *
 
 __all__ = [
-    "Calibration",
     "CellError",
     "CircleCurve",
     "Compared",

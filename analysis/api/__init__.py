@@ -14,7 +14,6 @@ from pathlib import Path
 from analysis.diagnosis.diagnosis import Diagnosis as Diagnosis
 from analysis.diagnosis.diagnosis import Gap as Gap
 from analysis.diagnosis.diagnosis import Named as Named
-from analysis.fitting.calibration import Calibration as Calibration
 from analysis.fitting.compare import Compared as Compared
 from analysis.fitting.compare import Comparison as Comparison
 from analysis.measures import results
@@ -194,38 +193,35 @@ def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None) -> Compa
 
 def calibrate(
     runs: Sequence[Measured],
-    effects: str,
+    effects: str | None = None,
     *,
     rig: RigFile | Rig | None = None,
     hold_out: Sequence[Measured] = (),
-    share: float = 0.0,
-    groups: bool = False,
-    seed: int = 0,
-) -> Calibration:
-    """Estimate known effects from runs by least squares on the simulator; the set-up is always fitted with them.
+    unseen: Sequence[Measured] = (),
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Calibrate the model of a robot: find, or fit, effects beside everything else that the runs determine.
 
     runs: of one robot, at least one.
-    effects: which, with commas between, as `backlash:1,joint_offset`: NAME:AXIS, or a name alone for all axes.
+    effects: which to fit, with commas between, as `backlash:1,joint_offset`: NAME:AXIS, or a name alone for all axes;
+    the runs decide where it is None, as in `diagnose`.
     rig: the model to begin with; the rig file of the first run where it is None.
-    hold_out: runs to judge by, which are not used in the fit.
-    share: of each run's readings that is left out to judge by, 0 to 0.9.
-    groups: leave out whole neighbourhoods of joint space instead of single readings.
-    seed: of the choice of what is left out.
+    hold_out: runs to judge by, which are not used; a fifth of the neighbourhoods of poses where there are none.
+    unseen: runs at another place or radius to judge by.
+    progress: called with a few words at each step, which may take seconds.
 
-    Returns `effects` with sizes and standard uncertainties, their `covariance`, the rms before and after in mm on
-    readings used and left out, what the runs cannot distinguish, and `extended_rig`, the model with the effects.
+    Returns the diagnosis, with `calibrated`, the calibrated model, the `effects` with sizes and standard uncertainties,
+    and the rms gap in µm before and after on each set of runs.
 
-    Raises UseError where an effect is not known, FileError where two runs hold the same readings, where the runs show
-    none of the effects, or where the fit does not converge.
+    Raises UseError where an effect is not known, FileError where a run is of another robot or given twice, or where
+    there are too few readings.
 
     Source: docs/calibration.md.
     """
-    from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
-    from analysis.traces.loading import refuse_copies  # noqa: PLC0415
+    from analysis.fitting.effect_choice import given_effects  # noqa: PLC0415
 
-    model = _model(rig, runs)
-    refuse_copies((one.path, one.run.readings_sha256) for one in (*runs, *hold_out))
-    return calibrate_runs(model, runs, hold_out, effects, share=share, groups=groups, seed=seed)
+    given = None if effects is None else given_effects(effects)
+    return _diagnosed(runs, rig, hold_out, unseen, progress, None, given)
 
 
 def diagnose(
@@ -254,12 +250,24 @@ def diagnose(
 
     Source: docs/diagnosis.md.
     """
+    return _diagnosed(runs, rig, hold_out, unseen, progress, tolerance_um, None)
+
+
+def _diagnosed(
+    runs: Sequence[Measured],
+    rig: RigFile | Rig | None,
+    hold_out: Sequence[Measured],
+    unseen: Sequence[Measured],
+    progress: Callable[[str], None] | None,
+    tolerance_um: float | None,
+    given: Sequence[Effect] | None,
+) -> Diagnosis:
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
     refuse_copies((one.path, one.run.readings_sha256) for one in (*runs, *hold_out, *unseen))
-    return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um)
+    return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um, given)
 
 
 def _silent(doing: str) -> None:

@@ -1,4 +1,4 @@
-"""`rig calibrate RUN…`: known effects estimated, and a rig file that has them."""
+"""`rig calibrate RUN…`: the calibrated model of a robot, as a rig file with its calibration beside it."""
 
 from __future__ import annotations
 
@@ -10,67 +10,65 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRuns
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
 
 
-@command(app, "rig calibrate runs/* --fit EFFECT -o fitted.yaml")
+@command(app, "rig calibrate runs/* -o better.yaml")
 def calibrate(
-    runs: RobotRuns,
+    runs: RobotRunsBelow,
     fit: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one; see docs/simulation.md."
+            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one (docs/simulation.md); "
+            "default: those that the runs show."
         ),
-    ],
+    ] = None,
     rig_file: ModelRig = None,
     hold_out: Annotated[
         list[Path] | None,
         typer.Option(
+            parser=location,
             autocompletion=completion.runs,
-            help="Run directory to judge the fit by, not used in it; repeatable; default: none.",
+            help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of the poses.",
         ),
     ] = None,
-    share: Annotated[
-        float,
-        typer.Option(min=0, max=0.9, help="Share of the readings of each run to judge the fit by, not used in it."),
-    ] = 0.0,
-    groups: Annotated[bool, typer.Option(help="Make --share leave out whole neighbourhoods of joint space.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice that --share makes.")] = 0,
+    unseen: Annotated[
+        list[Path] | None,
+        typer.Option(
+            parser=location,
+            autocompletion=completion.runs,
+            help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Rig file to write, extended by the fitted effects; default: none."),
+        typer.Option("--output", "-o", help="Rig file to write; NAME.calibration.json comes beside it; default: none."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
-
+    """Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig file."""
     import analysis  # noqa: PLC0415
+    from analysis.cli.diagnose import by_use  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
+    from analysis.cli.run_paths import load_runs  # noqa: PLC0415
     from analysis.cli.several import end_with, worst  # noqa: PLC0415
-    from analysis.reporting import calibration_report  # noqa: PLC0415
+    from analysis.reporting.diagnosis_report import write_model  # noqa: PLC0415
+    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
+    from analysis.reporting.extended_rig import hold_new  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    if groups and not share:
-        raise UseError("--groups", "says how --share chooses, and is allowed only with it", "add --share 0.3, say")
-    if output and output.exists():
-        raise FileError(str(output), "exists already", "give another --output, or remove it first")
-    aside = distinct(hold_out or ())
-    used = [path for path in distinct(runs) if path not in aside]
-    if not used:
-        raise UseError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
-    (measured, bad), (judges, worse) = load_runs(used), load_runs(aside)
-    end_with(worst([*bad, *worse]))
-    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    with progress_of(f"fitting {fit} to {len(measured)} runs"):
-        found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
     if output:
-        calibration_report.write_rig(found, text, [path.name for path in used], output)
+        hold_new(output)
+    parts = [load_runs(paths) for paths in by_use(runs, hold_out or (), unseen or ())]
+    end_with(worst([error for _, errors in parts for error in errors]))
+    measured, judges, elsewhere = (found for found, _ in parts)
+    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    with progress_of() as progress:
+        found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:
         say_json(found.to_dict())
     else:
-        PlainConsole().print(calibration_report.as_table(found))
-    if output:
-        say(f"wrote {output}", err=True)
+        PlainConsole().print(as_screen(found))
+    for path in write_model(found, text, output) if output else ():
+        say(f"wrote {path}", err=True)

@@ -41,7 +41,9 @@ def diagnose(
     tolerance_um: Annotated[
         float | None,
         typer.Option(
-            min=0.0, max=1e6, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
+            min=0.0,
+            max=1e6,
+            help="Largest error of the readings that is accepted, in µm rms; default: the limits of the rig file.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -74,7 +76,7 @@ def diagnose(
         errors.extend(bad)
         return found
 
-    measured, judges, elsewhere = map(read, _by_use(runs, hold_out or (), unseen or ()))
+    measured, judges, elsewhere = map(read, by_use(runs, hold_out or (), unseen or ()))
     if not measured:
         end_with(worst(errors))
     rig, text = given or (measured[0].rig, measured[0].run.manifest.rig_text)
@@ -98,7 +100,7 @@ def _hold_writable(output: Path) -> None:
         hold_empty(output)
 
 
-def _by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
+def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
     """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
     from analysis.cli.run_paths import runs_below  # noqa: PLC0415
 

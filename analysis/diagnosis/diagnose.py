@@ -66,8 +66,8 @@ def diagnose(
 
     `tolerance_um` is the largest error of the readings (m, k) that is accepted, rms; without it the limits of the rig
     file judge the accuracy. With `given` effects these are fitted, whatever they show, and none is searched. Where no
-    run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises
-    FileError for runs of another robot, or that cannot be read as the test that they state.
+    run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises FileError for runs of another
+    robot, or that cannot be read as the test that they state.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")

@@ -11,7 +11,7 @@ from itertools import product
 
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.errors import UseError
-from rigs.schema.effect import healthy, phases, scaled
+from rigs.schema.effect import healthy, is_wave, phases, scaled
 
 
 def parse_effects(words: str) -> list[Effect]:
@@ -21,6 +21,13 @@ def parse_effects(words: str) -> list[Effect]:
     if not found:
         raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(found))
+
+
+def given_effects(words: str) -> list[Effect]:
+    """Return the effects of a list, each once, a wave with the phase at which its fit begins. Raises UseError as
+    `parse_effects` does."""
+    quarters = {other for effect in parse_effects(words) for other in phases(effect)[1:]}
+    return [effect for effect in parse_effects(words) if effect not in quarters or not is_wave(effect)]
 
 
 def _expanded(word: str) -> list[Effect]:

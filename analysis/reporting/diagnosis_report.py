@@ -38,6 +38,14 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
         picture(found).savefig(sheet, dpi=130)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    if found.condition == "not_testable_here":
+        return [answer, sheet]
+    return [answer, sheet, *write_model(found, text, directory / f"{found.rig.name}.yaml")]
+
+
+def write_model(found: Diagnosis, text: str, output: Path) -> list[Path]:
+    """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
+    beside it; their paths, the rig file's last. Raises FileError where one exists."""
     effects = [
         beside(
             with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
@@ -47,6 +55,4 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
         )
         for one in found.standing
     ]
-    if found.condition == "not_testable_here":
-        return [answer, sheet]
-    return [answer, sheet, *write_extended(text, effects, directory / f"{found.rig.name}.yaml", found.calibrated)]
+    return write_extended(text, effects, output, found.calibrated)

@@ -46,7 +46,7 @@ def write_extended(
     """A rig file's text with effects added, as a new file, and before it its calibrated model, as NAME.calibration.json
     beside it. Returns the paths, the rig file's last. Raises FileError where one exists or cannot be written,
     RigFileError where an effect is beyond its bounds."""
-    named, content, beside_it = None, b"", output.with_name(f"{output.stem}.calibration.json")
+    named, content, beside_it = None, b"", _beside(output)
     if calibrated:
         content = calibrated.model_dump_json(indent=1, exclude_defaults=False).encode()
         named = calibration_file(beside_it.name, content)
@@ -56,6 +56,17 @@ def write_extended(
         _write_new(beside_it, content)
     _write_new(output, grown.encode())
     return [*([beside_it] if named else []), output]
+
+
+def hold_new(output: Path) -> None:
+    """Raise FileError where a rig file or its calibration exists already, before anything is computed."""
+    for path in (output, _beside(output)):
+        if path.exists():
+            raise FileError(str(path), "exists already", "give another --output, or remove it first")
+
+
+def _beside(output: Path) -> Path:
+    return output.with_name(f"{output.stem}.calibration.json")
 
 
 def calibration_file(name: str, content: bytes) -> CalibrationFile:
