@@ -125,7 +125,17 @@ def _along(
                 by_way.add(k)
         elif free and stands is None and k in by_way:
             reasons[k] = "two_postures"
+        elif not free and step.way == "line" and stands is not None and _flips(arm, stands, poses[k], found, q[k]):
+            reasons[k] = "two_postures"
         stands = q[k] if k not in reasons and np.isfinite(q[k]).all() else None
+
+
+def _flips(arm: Arm, stands: Array, pose: Array, found: Array | Reason | None, q: Array) -> bool:
+    """Whether a line from angles `stands` (6,) rad leads to another posture at a pose (4, 4) than q (6,) rad."""
+    if found is None or isinstance(found, str) or not np.isfinite(q).all():
+        return False
+    there = _reached(arm, stands, pose, found, linear=True)
+    return not isinstance(there, str) and bool(np.abs(np.sin((there - q) / 2)).max() > _SAME_RAD)
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, found: Array, *, linear: bool) -> Array | Reason:
