@@ -13,6 +13,8 @@ from analysis.correction.programs.target import WHY, Left
 
 _LISTED = 30
 """So many of what was left are on the screen; corrections.yaml has all of them."""
+_KEPT = 10_000
+"""So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
 _SHOWN_UM = 1.0
 """Rounding below it is not mentioned: no gauge here resolves it."""
 
@@ -76,8 +78,9 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
                 "reason": one.reason,
                 "why": WHY[one.reason],
             }
-            for one in program.left
+            for one in program.left[:_KEPT]
         ],
+        "left_count": len(program.left),
     }
 
 

@@ -1,7 +1,7 @@
 """An arm that is wrong in hidden ways, multiplied out apart from the product, and where a controller brings its tool.
 
-Wrong are the zeros of axes 3 and 5, the length a2, and a gear of axis 1 that errs twice a turn. The controller knows the
-nominal arm: it solves a pose with the nominal constants, in the posture in which the arm was.
+Wrong are the zeros of axes 3 and 5, the length a2, and a gear of axis 1 that errs twice a turn. The controller knows
+the nominal arm: it solves a pose with the nominal constants, in the posture in which the arm was.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ wobj0 are the flange and the world, which is taken for the robot's base. Offs an
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,18 +32,18 @@ from analysis.kinematics.arm import Array
 
 DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
-_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*")
+_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _FLOW = (
     "IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|TEST|CASE|DEFAULT|ENDTEST|PROC|ENDPROC|FUNC|ENDFUNC|TRAP|ENDTRAP|"
     "MODULE|ENDMODULE|ERROR|UNDO|BACKWARD|RECORD|ENDRECORD"
 )
+_HEADER = re.compile(rf"\s*\b(?:{_FLOW})\b[^\n;]*", re.IGNORECASE)
 _EVENT = re.compile(
-    rf"\b(?P<flow>{_FLOW})\b[^\n;]*"
-    r"|\b(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*(?P<array>\{[^{};]*\})?\s*"
+    r"\s*(?:(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*(?P<array>\{[^{};]*\}\s*)?"
     r"(?P<value>:=[^;]*)?;"
-    r"|\bConf(?P<conf>[LJ])\s*\\\s*(?P<switch>On|Off)\s*;"
-    r"|\bMove(?P<move>AbsJ|[JLC])(?:DO|AO|GO|Sync)?\s(?P<given>[^;]*);"
-    r"|\b(?P<word>[A-Za-z]\w*)(?P<rest>[^;]*);",
+    r"|Conf(?P<conf>[LJ])\s*\\\s*(?P<switch>On|Off)\s*;"
+    r"|Move(?P<move>AbsJ|[JLC])(?:DO|AO|GO|Sync)?\s(?P<given>[^;]*);"
+    r"|(?P<word>[A-Za-z]\w*)(?P<rest>[^;]*);)",
     re.IGNORECASE,
 )
 _STANDS = re.compile(
@@ -78,15 +79,15 @@ def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a module."""
     text = blanked(texts[0], _BLANK)
     reader = _Reader(text, Lines(text))
-    events = list(_EVENT.finditer(text))
+    events = list(_statements(text))
     reader.keeps = frozenset(
-        event["conf"].upper() for event in events if event["conf"] and event["switch"].upper() == "OFF"
+        event["conf"].upper() for event in events if event and event["conf"] and event["switch"].upper() == "OFF"
     )
     for event in events:
-        if event["kind"]:
+        if event and event["kind"]:
             _declare(reader, event)
     for event in events:
-        if event["flow"]:
+        if event is None:
             reader.gathered.stop()
         elif event["move"]:
             _move(reader, event)
@@ -97,6 +98,18 @@ def parse(texts: tuple[str, ...]) -> Parsed:
         if reader.gathered.knows(key) and word.start() not in reader.spent:
             reader.gathered.change(key)
     return reader.gathered.parsed()
+
+
+def _statements(text: str) -> Iterator[re.Match[str] | None]:
+    """Yield the statements of a module, and None where a block begins or ends, or something is not understood."""
+    end = 0
+    while (mark := text.find(";", end)) >= 0:
+        at, end = end, mark + 1
+        while header := _HEADER.match(text, at, end):
+            yield None
+            at = header.end()
+        yield _EVENT.match(text, at, end)
+    yield None
 
 
 def _declare(reader: _Reader, event: re.Match[str]) -> None:

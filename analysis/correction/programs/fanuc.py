@@ -28,11 +28,12 @@ from analysis.correction.programs.target import (
 DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
 """A controller prints three decimals; whether it takes more is not known, so no decimals are added."""
 _BLANK = re.compile(
-    r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*\d*[ \t]*:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*", re.MULTILINE
+    r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
+    re.MULTILINE,
 )
-_LINE = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(?P<body>[^\n]*)", re.MULTILINE)
-_POINT = re.compile(r"P\[\s*(\d{1,6})\s*(?::[^\]\n]*)?\]")
-_POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]*)?\]\s*\{([^{}]*)\}")
+_LINE = re.compile(r"^[ \t]*(?:\d+[ \t]*)?:(?P<body>[^\n]*)", re.MULTILINE)
+_POINT = re.compile(r"P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
+_POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
 _MOVE = re.compile(r"([JLCAS])\s+(P|PR)\[[^\]]*\](.*)")
 _VIA = re.compile(r"(P|PR)\[[^\]]*\](?!\s*=)(.*)")
 _OFFSET = re.compile(r"\b(?:Tool_)?Offset\b|\bVOFFSET\b|\bRTCP\b", re.IGNORECASE)

@@ -42,16 +42,16 @@ _DECLARED = re.compile(
 )
 _FDAT = re.compile(r"\s*(?:DECL\s+)?(?:GLOBAL\s+)?FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?", re.IGNORECASE)
 _MOVE = re.compile(r"\s*S?(PTP|LIN|CIRC)(_REL)?\s+(?!=)(.+)", re.IGNORECASE)
-_PLACE = re.compile(r"\s*\$(TOOL|BASE)\s*=\s*(.+?)\s*", re.IGNORECASE)
+_PLACE = re.compile(r"\s*\$(TOOL|BASE)\s*=(.+)", re.IGNORECASE)
 _BY_NUMBER = re.compile(r"(?:TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _ACTIVE = re.compile(r"\s*FDAT_ACT\s*=\s*(\w+)\s*", re.IGNORECASE)
 _CALLED = re.compile(r"\s*BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)\s*", re.IGNORECASE)
-_WITH = re.compile(r"\s+WITH\s+(.*)", re.IGNORECASE)
+_WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
 _WITH_FDAT = re.compile(r"\$(TOOL|BASE)\s*=\s*S(?:TOOL2?|BASE)\s*\(\s*(\w+)", re.IGNORECASE)
 _WITH_PLACE = re.compile(
     r"\$(TOOL|BASE)\s*=\s*((?:TOOL_DATA|BASE_DATA)\s*\[\s*\d+\s*\]|\$NULLFRAME|\$ROBROOT)", re.IGNORECASE
 )
-_ENDS = re.compile(r"\s+(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
+_ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
 _STANDS = re.compile(
     r"\s*(?:(?:DECL|WAIT|HALT|PULSE|BAS|CONTINUE|ANOUT|INT|REAL|BOOL|CHAR|EXT|SIGNAL|E6POS|E6AXIS|FRAME|POS|AXIS)\b.*"
     r"|[$\w.\[\]]+\s*=[^=].*|)",
@@ -144,8 +144,9 @@ def _literal(reader: _Reader, file: int, begin: int, text: str, name: str) -> tu
     return target, "external_axes" if any(axis in parts and parts[axis].value for axis in _EXTERNAL) else None
 
 
-def _place(text: str) -> Array | str:
+def _place(given: str) -> Array | str:
     """Return the frame of the right side of $TOOL = … or $BASE = …, or its name; "0" is the null frame."""
+    text = given.strip()
     if by_number := _BY_NUMBER.fullmatch(text):
         return by_number[1]
     if text.upper() in ("$NULLFRAME", "$WORLD"):
@@ -167,7 +168,7 @@ def _only(reader: _Reader, kind: str) -> Array | str | None:
         if _ACTIVE.fullmatch(line):
             return None
         if (place := _PLACE.fullmatch(line)) and place[1].upper() == kind:
-            found.add(place[2])
+            found.add(place[2].strip())
         if (called := _CALLED.fullmatch(line)) and called[1].upper() == kind:
             found.add(f"{kind}_DATA[{called[2]}]")
     return _place(found.pop()) if len(found) == 1 else None

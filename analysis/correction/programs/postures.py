@@ -123,9 +123,9 @@ def _along(
             else:
                 q[k] = there
                 by_way.add(k)
-        elif free and stands is None and k in by_way:
-            reasons[k] = "two_postures"
-        elif not free and step.way == "line" and stands is not None and _flips(arm, stands, poses[k], found, q[k]):
+        elif (free and stands is None and k in by_way) or (
+            not free and step.way == "line" and stands is not None and _flips(arm, stands, poses[k], found, q[k])
+        ):
             reasons[k] = "two_postures"
         stands = q[k] if k not in reasons and np.isfinite(q[k]).all() else None
 

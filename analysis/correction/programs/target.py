@@ -65,8 +65,9 @@ WHY: dict[Reason, str] = {
 }
 """Completes a sentence whose subject is the target."""
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
+_FILLED = re.compile(r"[^\n]")
 
 
 @dataclass(frozen=True)
@@ -161,19 +162,21 @@ def blanked(text: str, pattern: re.Pattern[str]) -> str:
         found = match[0]
         if found[0] in "\"'" and len(found) > 1 and found[-1] == found[0]:
             return found[0] + " " * (len(found) - 2) + found[0]
-        return " " * len(found)
+        return _FILLED.sub(" ", found)
 
     return pattern.sub(spaces, text)
 
 
-def closing(text: str, begin: int, most: int = 20_000) -> int:
-    """Return where the bracket that opens at `begin` closes, or -1 where it does not within `most` characters."""
-    depth = 0
-    for match in re.compile(r"[()\[\]{}]").finditer(text, begin, begin + most):
-        depth += 1 if match[0] in "([{" else -1
-        if depth == 0:
-            return match.start()
-    return -1
+def brackets(text: str) -> dict[int, int]:
+    """Return where each bracket that opens in a text closes; those that never close are left out."""
+    open_at: list[int] = []
+    closes: dict[int, int] = {}
+    for match in re.finditer(r"[()\[\]{}]", text):
+        if match[0] in "([{":
+            open_at.append(match.start())
+        elif open_at:
+            closes[open_at.pop()] = match.start()
+    return closes
 
 
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:

@@ -25,7 +25,7 @@ from analysis.correction.programs.target import (
     Way,
     arguments,
     blanked,
-    closing,
+    brackets,
     numbers_in,
 )
 from analysis.kinematics.arm import Array
@@ -52,12 +52,15 @@ _STANDS = re.compile(
 """Functions after which the arm stands where it stood, as far as a posture goes."""
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_LONGEST = 1000
+"""Characters of a literal tool, more than seven numbers have."""
 
 
 @dataclass
 class _Reader:
     text: str
     lines: Lines
+    closes: dict[int, int]
     gathered: Gathered = field(default_factory=Gathered)
     joints: dict[str, tuple[float, ...]] = field(default_factory=dict)
     spent: set[int] = field(default_factory=set)
@@ -71,12 +74,12 @@ class _Reader:
 def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a script."""
     text = blanked(texts[0], _BLANK)
-    reader = _Reader(text, Lines(text))
+    reader = _Reader(text, Lines(text), brackets(text))
     events = list(_EVENT.finditer(text))
     for event in events:
         if event["name"]:
             _declare(reader, event)
-    only = _only_tool(text, events)
+    only = _only_tool(reader, events)
     at = 0
     for event in events:
         if event.start() < at:
@@ -110,17 +113,17 @@ def _declare(reader: _Reader, event: re.Match[str]) -> None:
     reader.gathered.declare(name, target)
 
 
-def _only_tool(text: str, events: list[re.Match[str]]) -> Array | None:
+def _only_tool(reader: _Reader, events: list[re.Match[str]]) -> Array | None:
     """Return the tool (4, 4) that every set_tcp of a script sets, if there is just one."""
-    found = {_literal_tool(text, event.end() - 1) for event in events if event["call"] == "set_tcp"}
+    found = {_literal_tool(reader, event.end() - 1) for event in events if event["call"] == "set_tcp"}
     (values,) = found if len(found) == 1 else (None,)
     return None if values is None else frame_of("rotation_vector", values)
 
 
-def _literal_tool(text: str, opening: int) -> tuple[float, ...] | None:
-    end = closing(text, opening)
-    first = arguments(text, opening + 1, end)[0] if end > 0 else (0, 0)
-    values = _list(text, *first)
+def _literal_tool(reader: _Reader, opening: int) -> tuple[float, ...] | None:
+    end = reader.closes.get(opening, 0)
+    first = arguments(reader.text, opening + 1, end)[0] if opening < end < opening + _LONGEST else (0, 0)
+    values = _list(reader.text, *first)
     return None if values is None or values[0] != "p" else tuple(one.value for one in values[1])
 
 
@@ -135,14 +138,14 @@ def _call(reader: _Reader, event: re.Match[str]) -> int:
     """Take a call and return where reading goes on."""
     name, text = event["call"], reader.text
     if name == "set_tcp":
-        values = _literal_tool(text, event.end() - 1)
+        values = _literal_tool(reader, event.end() - 1)
         reader.tool = f"tcp of line {reader.lines.at(event.start())}" if values is None else _tool(values)
     if name not in _WAYS:
         if not _STANDS.fullmatch(name):
             reader.gathered.stop()
         return event.end()
-    end = closing(text, event.end() - 1)
-    if end < 0:
+    end = reader.closes.get(event.end() - 1)
+    if end is None:
         reader.gathered.leave(reader.left(event.start(), "computed", name))
         return event.end()
     places = arguments(text, event.end(), end)
@@ -155,12 +158,15 @@ def _tool(values: tuple[float, ...]) -> Array:
     return frame_of("rotation_vector", values) if np.isfinite(values).all() else np.eye(4)
 
 
-def _target(reader: _Reader, call: str, begin: int, end: int, near: tuple[float, ...] | None = None) -> None:
+def _target(
+    reader: _Reader, call: str, begin: int, end: int, near: tuple[float, ...] | None = None, *, solved: bool = False
+) -> None:
+    """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad."""
     text = reader.text
     if named := re.compile(r"(?:q|pose|pose_via|pose_to|q_near)\s*=\s*").match(text, begin, end):
         begin = named.end()
-    if inverse := _INVERSE.match(text, begin, end):
-        _inverse(reader, call, inverse.end(), closing(text, inverse.end() - 1))
+    if not solved and (inverse := _INVERSE.match(text, begin, end)):
+        _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
         return
     name = text[begin:end]
     way = "joint" if near is not None else _WAYS[call]
@@ -178,9 +184,9 @@ def _target(reader: _Reader, call: str, begin: int, end: int, near: tuple[float,
     reader.gathered.move(name, way, left, tool=reader.tool, near=near)
 
 
-def _inverse(reader: _Reader, call: str, begin: int, end: int) -> None:
+def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:
     """Take get_inverse_kin(pose, qnear): a pose with the joint angles beside which its solution lies."""
-    places = arguments(reader.text, begin, end) if end > 0 else []
+    places = arguments(reader.text, begin, end) if end else []
     near = None
     if len(places) > 1:
         start, stop = places[1]
@@ -193,4 +199,4 @@ def _inverse(reader: _Reader, call: str, begin: int, end: int) -> None:
     if not places or (len(places) > 1 and near is None) or len(places) > 2:
         reader.gathered.leave(reader.left(begin, "computed", call))
         return
-    _target(reader, call, *places[0], near=near)
+    _target(reader, call, *places[0], near, solved=True)

@@ -75,7 +75,7 @@ def _read(line: str, begin: int, number: int, state: _State, gathered: Gathered)
         case ["///PULSE"]:
             state.kind = "PULSE"
         case ["///RCONF", values, *_]:
-            state.posture = tuple(int(value) if value.isdigit() else -1 for value in values.split(",")[:6])
+            state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
     found = _POSITION.fullmatch(line)
     if not found:
         return
