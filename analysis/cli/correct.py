@@ -51,8 +51,8 @@ _Programs = Annotated[
     typer.Option(
         "--program",
         metavar="FILE",
-        help="Robot program of yours whose targets are corrected in place: .script, .urscript (UR), .ls (FANUC), .src "
-        "with its .dat (KUKA), .mod (ABB) or .jbi (Yaskawa); can be repeated. The file itself is not changed.",
+        help="Robot program of yours whose targets are corrected in a copy: .script, .urscript (UR), .ls (FANUC), .src "
+        "with its .dat (KUKA), .mod (ABB) or .jbi (Yaskawa); can be repeated; default: none.",
     ),
 ]
 _Tools = Annotated[
@@ -61,7 +61,7 @@ _Tools = Annotated[
         "--tool",
         metavar="NAME=FRAME",
         help="Tool that a program only names or numbers (tcp for UR): X,Y,Z,RX,RY,RZ from the flange in mm and degrees "
-        "about fixed axes, or rig, the tool of the rig file, or 0; can be repeated.",
+        "about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
     ),
 ]
 _Frames = Annotated[
@@ -70,7 +70,7 @@ _Frames = Annotated[
         "--frame",
         metavar="NAME=FRAME",
         help="User frame, base or work object that a program only names or numbers, in the robot's base, in the same "
-        "form; can be repeated.",
+        "form; can be repeated; default: none.",
     ),
 ]
 

@@ -27,6 +27,7 @@ from analysis.correction.programs.target import (
     Way,
     arguments,
     blanked,
+    lines_of,
 )
 from analysis.kinematics.arm import Array
 
@@ -78,7 +79,7 @@ class _Reader:
 def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a module."""
     text = blanked(texts[0], _BLANK)
-    reader = _Reader(text, Lines(text))
+    reader = _Reader(text, lines_of(text))
     events = list(_statements(text))
     reader.keeps = frozenset(
         event["conf"].upper() for event in events if event and event["conf"] and event["switch"].upper() == "OFF"

@@ -23,6 +23,7 @@ from analysis.correction.programs.target import (
     Target,
     Way,
     blanked,
+    lines_of,
 )
 
 DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
@@ -51,7 +52,7 @@ _OTHERS = re.compile(r"\bGP[2-9]\b|\bE\d\s*=|\bJ[7-9]\s*=")
 def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a listing."""
     text = blanked(texts[0], _BLANK)
-    lines, gathered = Lines(text), Gathered()
+    lines, gathered = lines_of(text), Gathered()
     start = re.compile(r"^/POS\b", re.MULTILINE).search(text)
     middle = start.start() if start else len(text)
     for found in _POSITION.finditer(text, middle):

@@ -29,6 +29,7 @@ from analysis.correction.programs.target import (
     Way,
     arguments,
     blanked,
+    lines_of,
 )
 from analysis.kinematics.arm import Array
 
@@ -81,7 +82,7 @@ class _Reader:
 def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a .src and, if it is given as the second text, of its .dat."""
     blank = tuple(blanked(text, _BLANK) for text in texts)
-    reader = _Reader(blank, tuple(map(Lines, blank)))
+    reader = _Reader(blank, tuple(map(lines_of, blank)))
     for file in reversed(range(len(blank))):
         for begin, line in _lines(blank[file]):
             _declare(reader, file, begin, line)

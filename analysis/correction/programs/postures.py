@@ -105,6 +105,7 @@ def _along(
     them."""
     stands: Array | None = None
     by_way: set[int] = set()
+    anywhere: set[int] = set()
     for step in steps:
         k = step.target
         if k is None:
@@ -123,16 +124,20 @@ def _along(
             else:
                 q[k] = there
                 by_way.add(k)
-        elif (free and stands is None and k in by_way) or (
-            not free and step.way == "line" and stands is not None and _flips(arm, stands, poses[k], found, q[k])
-        ):
+        elif free and stands is None:
+            anywhere.add(k)
+        elif _turned_over(arm, step, stands, poses[k], found, q[k]):
             reasons[k] = "two_postures"
         stands = q[k] if k not in reasons and np.isfinite(q[k]).all() else None
+    reasons.update(dict.fromkeys(by_way & anywhere, "two_postures"))
 
 
-def _flips(arm: Arm, stands: Array, pose: Array, found: Array | Reason | None, q: Array) -> bool:
-    """Whether a line from angles `stands` (6,) rad leads to another posture at a pose (4, 4) than q (6,) rad."""
-    if found is None or isinstance(found, str) or not np.isfinite(q).all():
+def _turned_over(
+    arm: Arm, step: Step, stands: Array | None, pose: Array, found: Array | Reason | None, q: Array
+) -> bool:
+    """Whether a line from angles `stands` (6,) rad leads to another posture at a pose (4, 4) than q (6,) rad: then the
+    flags are not those with which the arm arrives."""
+    if step.way != "line" or stands is None or found is None or isinstance(found, str) or not np.isfinite(q).all():
         return False
     there = _reached(arm, stands, pose, found, linear=True)
     return not isinstance(there, str) and bool(np.abs(np.sin((there - q) / 2)).max() > _SAME_RAD)

@@ -246,7 +246,7 @@ class Gathered:
         by_flags: bool = True,
     ) -> None:
         """Take a move to a point. `left` is what is listed where there is no such point. `tool` and `frame` are those
-        of this move, where the point does not name them itself; without `by_flags` its flags do not count here."""
+        (4, 4) of this move, where the point does not name them itself; without `by_flags` its flags do not count."""
         point = self._points.get(key)
         if point is None:
             self.leave(left)
@@ -314,12 +314,17 @@ def _shown(frame: Array | str) -> str:
     return frame if isinstance(frame, str) else repr(frame.tolist())
 
 
+@dataclass(frozen=True)
 class Lines:
-    """The line numbers of places in a text, from 1."""
+    """The line numbers of places in a text, from 1; `ends` are where its lines end."""
 
-    def __init__(self, text: str) -> None:
-        self._ends = [match.start() for match in re.finditer("\n", text)]
+    ends: tuple[int, ...]
 
     def at(self, place: int) -> int:
         """Return the number of the line in which the character `place` stands."""
-        return bisect_left(self._ends, place) + 1
+        return bisect_left(self.ends, place) + 1
+
+
+def lines_of(text: str) -> Lines:
+    """Return the lines of a text."""
+    return Lines(tuple(match.start() for match in re.finditer("\n", text)))

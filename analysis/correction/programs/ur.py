@@ -26,6 +26,7 @@ from analysis.correction.programs.target import (
     arguments,
     blanked,
     brackets,
+    lines_of,
     numbers_in,
 )
 from analysis.kinematics.arm import Array
@@ -74,7 +75,7 @@ class _Reader:
 def parse(texts: tuple[str, ...]) -> Parsed:
     """Return the targets of a script."""
     text = blanked(texts[0], _BLANK)
-    reader = _Reader(text, Lines(text), brackets(text))
+    reader = _Reader(text, lines_of(text), brackets(text))
     events = list(_EVENT.finditer(text))
     for event in events:
         if event["name"]:
