@@ -16,12 +16,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.correction.programs.corrected_program import CorrectedProgram, correct_program
-from analysis.correction.programs.frames import frames_of
+from analysis.correction.programs.frames import NO_FRAMES, frames_of
+from analysis.correction.programs.numbers import replaced, written
+from analysis.correction.programs.target import Number
 from analysis.correction.support import supports
 from analysis.kinematics.arm import arm_of
 from analysis.robot_programs.posture import posture_of, turns
+from rigs.effects import JointOffset
 from rigs.rig import Rig
-from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
+from tests.support.faulty_arm import flange_at, found, frame, hidden, joints_of, known
 from tests.support.independent_arm import Array
 from tests.support.interpreters.arms import rig_of
 
@@ -369,8 +372,21 @@ def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path)
     told = KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
     assert _left_mm(rig, told, KUKA[k], KUKA_TOOL) < 1e-3
     status = _status_turn(rig, KUKA[k])[0]
-    path.write_text(f"{head}{{{_kuka_pose(rig, KUKA[k], status=status ^ 1)}}}\nEND\n")
-    assert _why(_corrected(rig, path, state, base)) == [(4, "other_flags")]
+    for bit in (1, 2):
+        path.write_text(f"{head}{{{_kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n")
+        assert _why(_corrected(rig, path, state, base)) == [(4, "other_flags")]
+
+
+def test_a_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path: Path) -> None:
+    """KUKA keeps the posture along a line, whatever S and T say: here the wrist stands turned over."""
+    rig, path = rig_of("kuka-kr-10-r1100-2"), tmp_path / "a.src"
+    turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)  # what reaches the pose of the flags with its wrist turned over
+    for start, why in ((turned, ["two_postures"]), (KUKA[3], [])):
+        axes = ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(start, start=1))
+        lines = ["DEF a()", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[2]", f"PTP {{{axes}}}"]
+        path.write_text("\n".join([*lines, f"LIN {{{_kuka_pose(rig, KUKA[3])}}}", "END", ""]))
+        found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
+        assert [one.reason for one in found.left] == why
 
 
 ABB_TOOL = frame((5, 0, 90), Rotation.from_euler("xyz", (0, 45, 0), degrees=True))
@@ -473,6 +489,64 @@ def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) 
     values = _values(_lines(_corrected(rig, path).files["a.mod"])[5])
     X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
     assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), ABB[3], ABB_TOOL) < 2e-3
+
+
+@pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
+def test_abb_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
+    """Both elbows are within the limits; a cfx of the other wrist has no solution."""
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
+        pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", _robtarget(rig, q_deg, np.eye(4)))
+        path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
+        found = _corrected(rig, path)
+        assert [one.reason for one in found.left] == left
+        if not left:
+            values = _values(_lines(found.files["a.mod"])[3])
+            X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
+            assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), q_deg, ABB_TOOL) < 2e-3
+
+
+@pytest.mark.parametrize(("angle_deg", "left"), [(0.02, ["changes_flags"]), (0.2, [])])
+def test_a_correction_across_the_end_of_a_quadrant_is_left(angle_deg: float, left: list[str], tmp_path: Path) -> None:
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    wrong = rig.model_copy(update={"effects": (JointOffset(axis=1, offset_deg=0.05, found=found(offset_deg=0.002)),)})
+    pose = _robtarget(rig, (angle_deg, 10, 20, 30, 60, -40), np.eye(4))
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
+    done = correct_program(wrong, supports(wrong), path, NO_FRAMES, None)
+    assert [one.reason for one in done.left] == left and len(done.names) == 1 - len(left)
+
+
+def test_a_point_that_the_program_assigns_again_or_reaches_in_two_postures_is_left(tmp_path: Path) -> None:
+    rig, path = rig_of("ur10e"), tmp_path / "a.script"
+    q = [", ".join(str(float(np.radians(angle))) for angle in UR[k]) for k in (0, 1)]
+    T = _ur_pose(flange_at(rig, np.radians(UR[1])) @ UR_TOOL)
+    path.write_text(
+        f"set_tcp(p[0,0,0.145,0,0,0])\nhome=[{q[0]}]\nthere=p[{T}]\nmovej(home)\nmovel(there)\n"
+        f"while (True):\nmovel(there)\nend\nother=[{q[1]}]\nmovej(other)\nother=[{q[0]}]\n"
+    )
+    assert _why(_corrected(rig, path)) == [(3, "two_postures"), (9, "changed")]
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "new"),
+    [
+        ("X =   999.990  mm", 1000.1234, "X =  1000.123  mm"),
+        ("X =  1000.001  mm", 999.9876, "X =   999.988  mm"),
+        ("X = 999.990 mm", -0.00001, "X = 0.000 mm"),
+        ("X = +1.5 mm", 1.6, "X = +1.600 mm"),
+        ("X = -.5 mm", -0.6, "X = -.600 mm"),
+        ("X = 1.5E+02 mm", 150.0001, "X = 150.0001000 mm"),
+        ("X = 90 mm", 90.0, "X = 90 mm"),
+        ("X = 1.23456789012 mm", 2.0, "X = 2.0000000 mm"),
+    ],
+)
+def test_a_number_keeps_its_style_and_its_column(text: str, value: float, new: str) -> None:
+    found = re.search(NUMBER, text)
+    assert found
+    number = Number(found.start(), found.end(), float(found[0]))
+    assert replaced(text, [(number, written(number, text, value, "roll_pitch_yaw", (3, 7)))]) == new
 
 
 YASKAWA_TOOL = frame((0, 0, 150), Rotation.identity())
