@@ -10,8 +10,8 @@ import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
-from analysis.correction.programs.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path

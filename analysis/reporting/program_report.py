@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.correction.programs.corrected_program import MOST_MM, CorrectedProgram
+from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.correction.programs.target import WHY, Left
 
 _LISTED = 30
@@ -32,11 +32,12 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count and program.rounded_um.max() > _SHOWN_UM:
         found.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
     if outside := sum(program.outside):
-        where = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
+        beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
+        where = list(dict.fromkeys(beyond))
         found.append(
-            f"  {_targets(outside)} outside the joint angles that were driven, so it is a guess there: "
+            f"  {_targets(outside)} outside the joint angles that were driven, where no run shows the correction: "
             + ", ".join(where[:_LISTED])
-            + (" …" if outside > _LISTED else "")
+            + (" …" if len(where) > _LISTED else "")
         )
     for reason, number in Counter(one.reason for one in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""

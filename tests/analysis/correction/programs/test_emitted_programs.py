@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.correction.programs.corrected_program import CorrectedProgram, correct_program
+from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.support import supports
 from analysis.robot_programs.compensated import targets_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.correction.programs.corrected_program import CorrectedProgram, correct_program
+from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.programs.target import WHY
 from analysis.correction.support import supports

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.correction.programs.corrected_program import CorrectedProgram, correct_program
+from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.programs.frames import NO_FRAMES, frames_of
 from analysis.correction.programs.numbers import replaced, written
 from analysis.correction.programs.target import Number
