@@ -104,7 +104,6 @@ def correct_program(
     new = tuple(map(replaced, old, changes))
     left = [Left(targets[k].file, targets[k].line, targets[k].name, why) for k, why in reasons.items()]
     after = _read_back(dialect, parsed, new)
-    used = [one.effect for one in found if one.use != "none"]
     return CorrectedProgram(
         path,
         dialect.maker,
@@ -113,7 +112,7 @@ def correct_program(
         tuple((targets[k].file, targets[k].line) for k in kept),
         np.array([done.moved_mm[k] for k in kept]),
         np.array([done.u_mm[k] for k in kept]),
-        tuple(bool(outside_effect_coverage(used, q[k][None], "")) for k in kept),
+        tuple(done.outside[k] for k in kept),
         np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
         tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line))),
     )
@@ -183,19 +182,20 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Done:
-    """Corrections by the number of the target: angles (6,) rad, the tool's pose (4, 4), how far it moved and u in
-    mm."""
+    """Corrections by the number of the target: angles (6,) rad, the tool's pose (4, 4), how far it moved and u in mm,
+    and whether it stands beyond the joint angles that were driven."""
 
     q: dict[int, Array]
     T: dict[int, Array]
     moved_mm: dict[int, float]
     u_mm: dict[int, float]
+    outside: dict[int, bool]
     reasons: dict[int, Reason]
 
     @classmethod
     def of(cls, rig: Rig, found: Sequence[Support], q: Array, good: Integers) -> _Done:
         """Correct the targets `good` (m,) among q (n, 6) rad."""
-        done = cls({}, {}, {}, {}, {})
+        done = cls({}, {}, {}, {}, {}, {})
         arm = arm_of(rig.robot)
         for begin in range(0, len(good), _AT_ONCE):
             for rows, one in _halved(rig, found, q, good[begin : begin + _AT_ONCE]):
@@ -203,10 +203,18 @@ class _Done:
                     done.reasons[int(rows[0])] = "singular"
                     continue
                 moved = np.linalg.norm(one.T[:, :3, 3] - forward(arm, q[rows])[:, :3, 3], axis=1)
+                outside = _outside(found, one)
                 for place, k in enumerate(rows.tolist()):
+                    done.outside[k] = outside[place]
                     done.q[k], done.T[k] = one.q[place], one.T[place]
                     done.moved_mm[k], done.u_mm[k] = float(moved[place]), float(one.u_mm[place])
         return done
+
+
+def _outside(found: Sequence[Support], one: Corrected) -> list[bool]:
+    """Return for each target whether it stands beyond the joint angles in which an effect was found."""
+    used = [support.effect for support in found if support.use != "none"]
+    return [bool(outside_effect_coverage(used, q[None], "")) for q in one.q]
 
 
 def _halved(
