@@ -46,6 +46,35 @@ _Scale = Annotated[
 ]
 
 
+_Programs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--program",
+        metavar="FILE",
+        help="Robot program of yours whose targets are corrected in a copy: .script, .urscript (UR), .ls (FANUC), .src "
+        "with its .dat (KUKA), .mod (ABB) or .jbi (Yaskawa); can be repeated; default: none.",
+    ),
+]
+_Tools = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tool",
+        metavar="NAME=FRAME",
+        help="Tool that a program only names or numbers (tcp for UR): X,Y,Z,RX,RY,RZ from the flange in mm and degrees "
+        "about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
+    ),
+]
+_Frames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME=FRAME",
+        help="User frame, base or work object that a program only names or numbers, in the robot's base, in the same "
+        "form; can be repeated; default: none.",
+    ),
+]
+
+
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: _FoundRig,
@@ -56,13 +85,17 @@ def correct(
     entered: Annotated[
         bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
     ] = False,
+    programs: _Programs = None,
+    tools: _Tools = None,
+    frames: _Frames = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
+    """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.controllers import scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
+    from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
@@ -71,7 +104,8 @@ def correct(
     maker = controller or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
-        found = correct_rig(rig, path, maker, factors, entered=entered)
+        known = frames_of(rig.robot, tools or (), frames or ())
+        found = correct_rig(rig, path, maker, factors, entered=entered, programs=programs or (), frames=known)
         written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
@@ -79,7 +113,13 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
-    _say_next(maker, written[-1] if path else None)
+    _say_next(maker, next((file for file in written if path and file.name == f"corrected-{path.name}"), None))
+    if programs:
+        say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
+        say(
+            "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target",
+            err=True,
+        )
 
 
 def _say_next(maker: Maker | None, corrected: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""All corrections of a rig: zeros, link constants, and the targets of a path."""
+"""All corrections of a rig: zeros, link constants, the targets of a path, and those of a person's own programs."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import pose_uncertainty, position_u_mm
+from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import displaced_mm, rest_effects, rms_um, used_effects, work_angles
@@ -47,6 +49,7 @@ class Corrections:
     path: tuple[Path, TargetPath, Corrected] | None
     at_controller: ControllerEntries | None = None
     entered: bool = False
+    programs: tuple[CorrectedProgram, ...] = ()
 
 
 def correct_rig(
@@ -56,22 +59,31 @@ def correct_rig(
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,
+    programs: Sequence[Path] = (),
+    frames: Frames = NO_FRAMES,
 ) -> Corrections:
     """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
-    Raises FileError for a rig without effects, and for a path that cannot be read or reached; UseError for `entered`
-    without what it needs."""
+    `programs` are corrected for a controller without them, with `frames` for what they only name. Raises FileError for
+    a rig without effects, for a path that cannot be read or reached and for a file that is no program; UseError for
+    `entered` without what it needs."""
     if not model_of(rig).effects:
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
         )
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
+    if entered and programs:
+        raise UseError(
+            "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
+        )
     found = supports(rig)
     entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
-    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), _work(rig, found), targets, entries, entered)
+    filtered = tuple(correct_program(rig, found, program, frames, scale) for program in programs)
+    work = _work(rig, found)
+    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
 
 
 def _work(rig: Rig, found: Sequence[Support]) -> WorkError:

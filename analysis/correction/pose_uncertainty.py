@@ -12,6 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from analysis.correction.calibrated_uncertainty import CalibratedUncertainty, named_in
 from analysis.correction.support import Support
 from analysis.correction.work import tool_poses, used_effects
 from analysis.fitting.identifiability import parameter_label
@@ -19,6 +20,7 @@ from analysis.fitting.joint_coverage import BEYOND_DEG
 from analysis.kinematics.arm import Array, Mask, pose_error
 from analysis.model.predict import model_of
 from rigs.rig import Rig
+from rigs.schema.effect import label_of
 
 
 class PoseUncertainty(Protocol):
@@ -92,8 +94,35 @@ class EffectsUncertainty:
 
 
 def pose_uncertainty(rig: Rig, found: Sequence[Support]) -> PoseUncertainty:
-    """Return what is known of the uncertainty of a rig's model."""
-    return EffectsUncertainty(rig, tuple(found))
+    """Return what is known of the uncertainty of a rig's model: that of its calibration, and of the effects of its file
+    that the calibration does not hold."""
+    if rig.calibrated is None:
+        return EffectsUncertainty(rig, tuple(found))
+    held = {label_of(effect) for effect in named_in(rig.calibrated)}
+    others = tuple(one for one in found if label_of(one.effect) not in held)
+    return _Both(CalibratedUncertainty(rig, rig.calibrated), EffectsUncertainty(rig, others))
+
+
+@dataclass(frozen=True)
+class _Both:
+    """The uncertainty of a calibrated model and, independent of it, of other effects."""
+
+    calibrated: CalibratedUncertainty
+    others: EffectsUncertainty
+
+    def pose_displacements(self, q: Array) -> Array:
+        """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
+        return np.concatenate([one.pose_displacements(q) for one in (self.calibrated, self.others)])
+
+    def position_covariance_mm2(self, q: Array) -> Array:
+        """Return the covariance (n, 3, 3) mm² of the tool's place at joint angles q (n, 6) rad."""
+        covariance: Array = self.calibrated.position_covariance_mm2(q) + self.others.position_covariance_mm2(q)
+        return covariance
+
+    @property
+    def joints_rad(self) -> Array | None:
+        """The joint angles (6, 2) rad of the runs behind the calibration."""
+        return self.calibrated.joints_rad
 
 
 def position_u_mm(known: PoseUncertainty, q: Array) -> Array:

@@ -21,9 +21,10 @@ from analysis.correction.support import Support
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
-from analysis.reporting import controller_report
+from analysis.reporting import controller_report, program_report
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
+from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
@@ -55,6 +56,7 @@ def as_table(found: Corrections) -> RenderableType:
     parts += [Text(line) for line in _lines(found)]
     if found.at_controller:
         parts += [Text(), controller_report.as_table(found.at_controller)]
+    parts += [Text(line) for program in found.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
 
@@ -178,6 +180,7 @@ def _contents(found: Corrections) -> dict[str, Any]:
             for one in found.effects
         ],
         "work": {name: _um(getattr(found.work, name)) for name in ("before_um", "after_um", "u_um")},
+        "programs": [program_report.as_object(program) for program in found.programs],
         "controller": found.at_controller and controller_report.as_object(found.at_controller),
     }
 
@@ -201,7 +204,8 @@ def _short(value: float) -> float:
 
 
 def write(found: Corrections, directory: Path) -> list[Path]:
-    """Write corrections.yaml, dh.csv where a constant changes, and the path. Raises FileError where one is there."""
+    """Write corrections.yaml, dh.csv where a constant changes, the path, and programs under their own names. Raises
+    FileError where one is there."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
@@ -216,4 +220,11 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     if found.path:
         given_path, given, targets = found.path
         files[f"corrected-{given_path.name}"] = partial(write_csv, corrected_columns(given, targets))
+    for program in found.programs:
+        for name, data in program.files.items():
+            if name in files:
+                raise FileError(
+                    name, "would be written twice", "correct programs of one name into directories of their own"
+                )
+            files[name] = holding(data)
     return write_all_new(directory, files)

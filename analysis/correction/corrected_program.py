@@ -1,0 +1,284 @@
+"""A person's own program with corrected targets: every other byte stays as it was, and what stays uncorrected is
+listed.
+
+A joint target becomes the joint angles that put the real tool where the nominal arm would have it. A pose becomes the
+pose of the nominal arm at such angles: what the controller must be given so that the real arm arrives at the wanted
+one. The controller is assumed to compute with the nominal arm. Nothing is sent anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.correction.corrected_targets import Corrected, corrected
+from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
+from analysis.correction.programs.flags import agreeing
+from analysis.correction.programs.frames import Frames
+from analysis.correction.programs.numbers import (
+    frame_numbers,
+    frame_of,
+    is_frame,
+    joint_numbers,
+    joints_of,
+    replaced,
+    written,
+)
+from analysis.correction.programs.postures import solved
+from analysis.correction.programs.target import Left, Number, Parsed, Reason, Target
+from analysis.correction.support import Support
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Maker
+
+MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
+"""A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
+farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
+singularity."""
+_AT_ONCE = 2000
+"""Targets at a time: what one of them prevents is found by halving."""
+
+
+@dataclass(frozen=True)
+class CorrectedProgram:
+    """A program with corrected targets.
+
+    `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
+    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty, `outside` (n,) whether
+    they stand beyond the joint angles that were driven, and `rounded_um` (n,) how far the numbers' decimals put them
+    off. `left` is what stayed as it was.
+    """
+
+    path: Path
+    maker: Maker
+    files: dict[str, bytes]
+    names: tuple[str, ...]
+    places: tuple[tuple[int, int], ...]
+    moved_mm: Array
+    u_mm: Array
+    outside: tuple[bool, ...]
+    rounded_um: Array
+    left: tuple[Left, ...]
+
+
+def correct_program(
+    rig: Rig, found: Sequence[Support], path: Path, frames: Frames, scale: Sequence[float] | None
+) -> CorrectedProgram:
+    """Return a program with the targets that can be corrected for the effects of a rig. Raises FileError for a file
+    that is no program."""
+    dialect, texts = read_program(path)
+    parsed = dialect.parse(tuple(texts.values()))
+    arm, targets = arm_of(rig.robot), parsed.targets
+    reasons: dict[int, Reason] = {}
+    located = [_located(arm, dialect, frames, target) for target in targets]
+    poses, given = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
+    for k, target in enumerate(targets):
+        place = _given(target, located[k], scale)
+        if isinstance(place, str):
+            reasons[k] = place
+        elif target.joints:
+            given[k] = place
+        else:
+            poses[k] = _in_world(arm, located[k], place)
+    q, unsolved = solved(arm, targets, poses, given, parsed.steps)
+    reasons |= unsolved
+    beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
+    reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+    good = np.array([k for k in range(len(targets)) if k not in reasons], dtype=np.int64)
+    done = _Done.of(rig, found, q, good)
+    reasons |= done.reasons
+    reasons |= _implausible(arm, targets, q, done)
+    kept = [k for k in good.tolist() if k not in reasons]
+    changes: list[list[tuple[Number, str]]] = [[] for _ in texts]
+    old = tuple(texts.values())
+    for k in kept:
+        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
+            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
+            file = targets[k].file
+            changes[file] += _changes(dialect, old[file], targets[k], value, scale)
+    new = tuple(map(replaced, old, changes))
+    left = [Left(targets[k].file, targets[k].line, targets[k].name, why) for k, why in reasons.items()]
+    after = _read_back(dialect, parsed, new)
+    return CorrectedProgram(
+        path,
+        dialect.maker,
+        dict(zip(texts, map(as_bytes, new), strict=True)),
+        tuple(targets[k].name for k in kept),
+        tuple((targets[k].file, targets[k].line) for k in kept),
+        np.array([done.moved_mm[k] for k in kept]),
+        np.array([done.u_mm[k] for k in kept]),
+        tuple(done.outside[k] for k in kept),
+        np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
+        tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line))),
+    )
+
+
+@dataclass(frozen=True)
+class _Located:
+    """The tool and the frame (4, 4) in mm of a target, or why they are not known."""
+
+    tool: Array
+    frame: Array
+    reason: Reason | None = None
+
+
+def _located(arm: Arm, dialect: Dialect, known: Frames, target: Target) -> _Located:
+    tool, frame = (
+        _known(place, named, null)
+        for place, named, null in (
+            (target.tool, known.tools, dialect.null_tools),
+            (target.frame, known.frames, () if _hangs(arm, dialect) else dialect.null_frames),
+        )
+    )
+    if frame is None or tool is None:
+        return _Located(np.eye(4), np.eye(4), "unknown_tool" if tool is None else "unknown_frame")
+    return _Located(tool, frame)
+
+
+def _hangs(arm: Arm, dialect: Dialect) -> bool:
+    """Whether KUKA's $WORLD cannot be the frame of the robot's foot."""
+    return dialect.maker == "kuka" and bool(arm.T_world_base[2, 2] < 1 - 1e-6)
+
+
+def _known(place: Array | str, named: object, null: tuple[str, ...]) -> Array | None:
+    if not isinstance(place, str):
+        return place
+    stated: Array | None = named.get(place.lower())  # type: ignore[attr-defined]
+    return np.eye(4) if stated is None and place in null else stated
+
+
+def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
+    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or why there are none."""
+    if target.form == "pulses" and scale is None:
+        return "no_scale"
+    values = [number.value for number in target.numbers]
+    if not target.joints and not is_frame(target.form, values):
+        return "unreachable"
+    if not np.isfinite(values).all():
+        return "beyond_limits"
+    if target.joints:
+        return joints_of(target, scale)
+    return located.reason or frame_of(target.form, values)
+
+
+def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
+    """Return the pose (4, 4) of the rig's own tool in the world where the program's tool is at X (4, 4) in its
+    frame."""
+    T: Array = arm.T_world_base @ located.frame @ X @ np.linalg.inv(located.tool) @ arm.T_flange_tool
+    return T
+
+
+def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
+    """Return X (4, 4) of a pose T (4, 4) in the world: the inverse of `_in_world`."""
+    outer = np.linalg.inv(arm.T_world_base @ located.frame)
+    X: Array = outer @ T @ np.linalg.inv(arm.T_flange_tool) @ located.tool
+    return X
+
+
+@dataclass(frozen=True)
+class _Done:
+    """Corrections by the number of the target: angles (6,) rad, the tool's pose (4, 4), how far it moved and u in mm,
+    and whether it stands beyond the joint angles that were driven."""
+
+    q: dict[int, Array]
+    T: dict[int, Array]
+    moved_mm: dict[int, float]
+    u_mm: dict[int, float]
+    outside: dict[int, bool]
+    reasons: dict[int, Reason]
+
+    @classmethod
+    def of(cls, rig: Rig, found: Sequence[Support], q: Array, good: Integers) -> _Done:
+        """Correct the targets `good` (m,) among q (n, 6) rad."""
+        done = cls({}, {}, {}, {}, {}, {})
+        arm = arm_of(rig.robot)
+        for begin in range(0, len(good), _AT_ONCE):
+            for rows, one in _halved(rig, found, q, good[begin : begin + _AT_ONCE]):
+                if one is None:
+                    done.reasons[int(rows[0])] = "singular"
+                    continue
+                moved = np.linalg.norm(one.T[:, :3, 3] - forward(arm, q[rows])[:, :3, 3], axis=1)
+                outside = [False] * len(rows) if one.covered is None else (~one.covered).tolist()
+                for place, k in enumerate(rows.tolist()):
+                    done.outside[k] = outside[place]
+                    done.q[k], done.T[k] = one.q[place], one.T[place]
+                    done.moved_mm[k], done.u_mm[k] = float(moved[place]), float(one.u_mm[place])
+        return done
+
+
+def _halved(
+    rig: Rig, found: Sequence[Support], q: Array, rows: Integers
+) -> Iterator[tuple[Integers, Corrected | None]]:
+    try:
+        yield rows, corrected(rig, found, q[rows], rows.tolist(), "target")
+    except FileError:
+        if len(rows) == 1:
+            yield rows, None
+            return
+        middle = len(rows) // 2
+        yield from _halved(rig, found, q, rows[:middle])
+        yield from _halved(rig, found, q, rows[middle:])
+
+
+def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> dict[int, Reason]:
+    """Return the targets whose correction is not to be written, with the reason."""
+    reasons: dict[int, Reason] = {}
+    for k, new in done.q.items():
+        error = np.abs(pose_error(done.T[k][None], forward(arm, q[k][None]))[0])
+        turned_deg = float(np.degrees(np.linalg.norm(error[3:])))
+        joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
+        if done.moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
+            reasons[k] = "too_large"
+        # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
+        elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
+            slack = _off_sign(arm, q[k], targets[k])
+            if not agreeing(arm, new[None], flags, slack)[0]:
+                reasons[k] = "changes_flags"
+    return reasons
+
+
+def _off_sign(arm: Arm, q: Array, target: Target) -> float:
+    """Return how far in rad a new angle may stand beyond its flags: not at all where the old one did not, and else as
+    far as the program's own rounding put the old one."""
+    assert target.flags is not None  # noqa: S101 - asked of flags only
+    steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+    return next((float(step) for step in steps if agreeing(arm, q[None], target.flags, float(step))[0]), 0.0)
+
+
+def _changes(
+    dialect: Dialect, text: str, target: Target, new: Array, scale: Sequence[float] | None
+) -> list[tuple[Number, str]]:
+    """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
+    if target.joints:
+        values, decimals = joint_numbers(target.form, new, scale), [dialect.decimals.turn] * 6
+    else:
+        values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
+        decimals = [dialect.decimals.place] * 3 + [dialect.decimals.turn] * (len(values) - 3)
+    three = zip(target.numbers, values.tolist(), decimals, strict=True)
+    return [(number, written(number, text, value, target.form, some)) for number, value, some in three]
+
+
+def _read_back(dialect: Dialect, before: Parsed, texts: tuple[str, ...]) -> Parsed:
+    """Return the targets of the new texts: the same ones, or the program is not handed out."""
+    after = dialect.parse(texts)
+
+    def others(parsed: Parsed) -> tuple[object, ...]:
+        return [(one.name, one.file, one.line) for one in parsed.targets], parsed.steps, parsed.left
+
+    if others(after) != others(before):
+        raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
+    return after
+
+
+def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, q: Array) -> float:
+    """Return how far in µm the numbers as written put the tool from the corrected target at q (6,) rad."""
+    wanted = forward(arm, q[None])[0]
+    if target.joints:
+        there = forward(arm, joints_of(target, scale)[None])[0]
+    else:
+        there = _in_world(arm, located, frame_of(target.form, [number.value for number in target.numbers]))
+    return float(np.linalg.norm(there[:3, 3] - wanted[:3, 3])) * 1e3

@@ -1,0 +1,74 @@
+"""The dialects by the suffix of a file, and reading the files of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.correction.programs import abb, fanuc, kuka, ur, yaskawa
+from analysis.correction.programs.numbers import Decimals
+from analysis.correction.programs.target import Parsed
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.schema.vocabulary import Maker
+
+_MOST_BYTES = 10_000_000
+"""A program with a hundred thousand targets is below it; controllers hold less."""
+_ENCODING = "latin-1"
+"""Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
+_KNOWN = "give a program .script or .urscript (UR), .ls (FANUC), .src (KUKA), .mod (ABB) or .jbi (Yaskawa)"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """parse: the targets of the texts of a program; null: the tool and the frame that are nothing, by their names."""
+
+    maker: Maker
+    parse: Callable[[tuple[str, ...]], Parsed]
+    decimals: Decimals
+    null_tools: tuple[str, ...] = ()
+    null_frames: tuple[str, ...] = ()
+
+
+_UR = Dialect("ur", ur.parse, ur.DECIMALS, (), ("base",))
+_BY_SUFFIX = {
+    ".script": _UR,
+    ".urscript": _UR,
+    ".ls": Dialect("fanuc", fanuc.parse, fanuc.DECIMALS, ("0",), ("0",)),
+    ".src": Dialect("kuka", kuka.parse, kuka.DECIMALS, ("0",), ("0",)),
+    ".mod": Dialect("abb", abb.parse, abb.DECIMALS),
+    ".jbi": Dialect("yaskawa", yaskawa.parse, yaskawa.DECIMALS, (), ("base",)),
+}
+
+
+def read_program(path: Path) -> tuple[Dialect, dict[str, str]]:
+    """Return the dialect and the texts of a program's files by their names, that of a KUKA with its .dat where there is
+    one. Raises FileError for what is no program."""
+    dialect = _BY_SUFFIX.get(path.suffix.lower())
+    if dialect is None:
+        raise FileError(str(path), "is no robot program that is known here", _KNOWN)
+    files = {path.name: _text(path)}
+    if dialect.maker == "kuka":
+        for data in (path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")):
+            if data.exists():
+                files[data.name] = _text(data)
+                break
+    return dialect, files
+
+
+def as_bytes(text: str) -> bytes:
+    """Return the bytes of a program's text."""
+    return text.encode(_ENCODING)
+
+
+def _text(path: Path) -> str:
+    try:
+        data = read_bytes(path, _MOST_BYTES)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    if b"\0" in data:
+        raise FileError(
+            str(path), "is a binary file or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
+        )
+    return data.decode(_ENCODING)

@@ -1,0 +1,102 @@
+"""A program with corrected targets on the screen and as JSON: how many, how far they moved, and what stayed as it
+was."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
+from analysis.correction.programs.target import WHY, Left
+
+_LISTED = 30
+"""So many of what was left are on the screen; corrections.yaml has all of them."""
+_KEPT = 10_000
+"""So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
+_SHOWN_UM = 1.0
+"""Rounding below it is not mentioned: no gauge here resolves it."""
+
+
+def lines(program: CorrectedProgram) -> list[str]:
+    """Return the lines for the screen."""
+    count, moved = len(program.names), program.moved_mm
+    head = f"{program.path.name} ({program.maker}): {_targets(count)} corrected"
+    found = [f"{head}, {len(program.left)} places left as they were"]
+    if count:
+        found.append(
+            f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
+            f"reached to ± {program.u_mm.max():.3f} mm after (standard uncertainty at the worst target)"
+        )
+    if count and program.rounded_um.max() > _SHOWN_UM:
+        found.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
+    if outside := sum(program.outside):
+        beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
+        where = list(dict.fromkeys(beyond))
+        found.append(
+            f"  {_targets(outside)} outside the joint angles that were driven, where no run shows the correction: "
+            + ", ".join(where[:_LISTED])
+            + (" …" if len(where) > _LISTED else "")
+        )
+    for reason, number in Counter(one.reason for one in program.left).most_common():
+        limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
+        found.append(f"  left, {number} ×: {WHY[reason]}{limit}")
+    found += [f"    {_where(program, one)}: {one.name} {WHY[one.reason]}" for one in program.left[:_LISTED]]
+    if len(program.left) > _LISTED:
+        found.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+    return found
+
+
+def as_object(program: CorrectedProgram) -> dict[str, Any]:
+    """Return the same for scripts: lengths in mm, rounding in µm."""
+    columns = (program.names, program.places, program.moved_mm, program.u_mm, program.rounded_um, program.outside)
+    return {
+        "program": program.path.name,
+        "controller": program.maker,
+        "files": list(program.files),
+        "corrected": len(program.names),
+        "moved_mm": {"largest": float(program.moved_mm.max(initial=0.0)), "rms": _rms(program.moved_mm)},
+        "rounded_um": float(program.rounded_um.max(initial=0.0)),
+        "outside_driven_ranges": sum(program.outside),
+        "targets": [
+            {
+                "name": name,
+                "file": list(program.files)[file],
+                "line": line,
+                "moved_mm": round(float(moved), 6),
+                "u_mm": round(float(u), 6),
+                "rounded_um": round(float(rounded), 3),
+                "outside_driven_ranges": out,
+            }
+            for name, (file, line), moved, u, rounded, out in zip(*columns, strict=True)
+        ],
+        "left": [
+            {
+                "file": list(program.files)[one.file],
+                "line": one.line,
+                "name": one.name,
+                "reason": one.reason,
+                "why": WHY[one.reason],
+            }
+            for one in program.left[:_KEPT]
+        ],
+        "left_count": len(program.left),
+    }
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def _targets(count: int) -> str:
+    return "1 target" if count == 1 else f"{count} targets"
+
+
+def _where(program: CorrectedProgram, one: Left) -> str:
+    return _place(program, one.file, one.line)
+
+
+def _place(program: CorrectedProgram, file: int, line: int) -> str:
+    name = f"{list(program.files)[file]} " if len(program.files) > 1 else ""
+    return f"{name}line {line}"
