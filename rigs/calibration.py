@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rigs.effects import AnyEffect, Effect
-from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, scaled, size_field, size_of
+from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, Use, scaled, size_field, size_of
 from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
 
@@ -156,16 +156,18 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             unit = scaled(effect, 1 / size_of(effect)) if effect.STAGE == "arm" and size_of(effect) else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(own)) for axis, own in waves.items()]
-    return [*(_of(effect, times) for effect, times in sums.items()), *curves]
-
-
-def _of(effect: Effect, times: float) -> Effect:
-    """Return so many times an effect: scaled where it turns or moves something by a constant, a portion of it else."""
-    if effect.STAGE == "gauge":
-        return GaugePortion(whole=effect, share=times)
-    if effect.STAGE == "joint" and effect.compensation().constant is None:
-        return JointPortion(whole=effect, share=times)
-    return scaled(effect, times)
+    whole: list[Effect] = []
+    joints: dict[Use, list[Portion]] = {}
+    gauges: list[Portion] = []
+    for effect, times in sums.items():
+        if effect.STAGE == "gauge":
+            gauges.append(Portion(of=effect, times=times))
+        elif effect.STAGE == "joint" and effect.compensation().constant is None:
+            joints.setdefault(effect.compensation().use, []).append(Portion(of=effect, times=times))
+        else:
+            whole.append(scaled(effect, times))
+    together = [JointPortions(portions=tuple(own)) for own in joints.values()]
+    return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
 
 
 def _wave(effect: Effect, times: float) -> tuple[float, float, float]:
@@ -219,35 +221,48 @@ class JointCurve(_Calibrated):
         return BY_TARGETS
 
 
-class _Portion(_Calibrated):
-    """`share` of what a whole effect does. A play lags by no fixed part of its width and a gauge's cosine error is no
-    fixed part of its angle, so the change that the whole one makes is scaled and not its size."""
+class Portion(Part):
+    """How many times what an effect does. A play lags by no fixed part of its width and a gauge's cosine error is no
+    fixed part of its angle, so the change that the whole effect makes is scaled and not its size."""
 
-    whole: AnyEffect
+    of: AnyEffect
+    times: float
+
+
+class _Portions(_Calibrated):
+    """What portions of effects of one stage do together."""
+
+    portions: tuple[Portion, ...] = Field(min_length=1)
 
     def apply(self, scene: S) -> S:
-        """The scene with a share of what the effect changes."""
-        return scene.blended(self.whole.apply(scene), self.share)
-
-    def plain(self, joint: str) -> str:
-        return self.whole.plain(joint)
+        """The scene with what all portions change of it."""
+        changed = scene
+        for one in self.portions:
+            changed = changed.blended(scene, one.of.apply(scene), self.share * one.times)
+        return changed
 
     def compensation(self) -> Compensation:
-        """That of the whole effect."""
-        return self.whole.compensation()
+        """That of each of the effects, which have it in common."""
+        return self.portions[0].of.compensation()
 
 
-class JointPortion(_Portion):
-    """A share of what an effect turns a joint by."""
+class JointPortions(_Portions):
+    """What portions of effects turn joints by."""
 
-    effect: Literal["joint_portion"] = "joint_portion"
+    effect: Literal["joint_portions"] = "joint_portions"
 
     STAGE = "joint"
 
+    def plain(self, joint: str) -> str:
+        return f"{len(self.portions)} small errors of joints"
 
-class GaugePortion(_Portion):
-    """A share of what an effect changes of the readings."""
 
-    effect: Literal["gauge_portion"] = "gauge_portion"
+class GaugePortions(_Portions):
+    """What portions of effects change of the readings."""
+
+    effect: Literal["gauge_portions"] = "gauge_portions"
 
     STAGE = "gauge"
+
+    def plain(self, joint: str) -> str:
+        return f"{len(self.portions)} small errors of gauges"

@@ -89,8 +89,10 @@ class CalibratedUncertainty:
             """Return what an effect does to the tool (n, 6)."""
             if effect.STAGE == "joint":
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
-                return np.asarray(np.einsum("na,ani->ni", turns, by_joint), dtype=float)
-            return pose_error(base, tool_poses(_with(model, effect), q))
+                moved: Array = np.einsum("na,ani->ni", turns, by_joint)
+                return moved
+            moved = pose_error(base, tool_poses(_with(model, effect), q))
+            return moved
 
         known: dict[Effect, Array] = {}
 

@@ -134,7 +134,7 @@ def _diagnosis_of(
 ) -> Diagnosis:
     """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k); `early` states whether
     poses were read before the joints came to rest."""
-    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train.before_um)
+    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     condition = condition_of(result, named, remainder, gaps, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)

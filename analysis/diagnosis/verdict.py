@@ -181,9 +181,11 @@ def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list
     return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, None)]
 
 
-def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, most_um: float) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, at most the gap `most_um`, and whether it exceeds the limits (b,) µm. What
-    an effect explains that a set-up contradicts remains too."""
+def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
+    µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs
+    beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
+    """
     imitating = [one for one in found if one.contradicted]
     effects = result.state.refined.effects
     imitated = sum(
@@ -197,10 +199,21 @@ def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, mo
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     is_material = left.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
+    um, single_um = min(left.whole_um, train.before_um), _left_of_runs_um(train)
+    if single_um > max(um, LEAST_MATERIAL_UM):
+        um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
     words = (
         _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
     )
-    return Remainder(min(left.whole_um, most_um), share, words, healthy.whole_um), is_material
+    return Remainder(um, share, words, healthy.whole_um), is_material
+
+
+def _left_of_runs_um(train: Gap) -> float:
+    """Return what the calibrated model leaves of single runs beyond the noise, in µm; nothing where that is no more
+    than a few times the noise, of which the scatter between runs is known roughly."""
+    if train.calibrated_um <= _FAR * train.noise_floor_um:
+        return 0.0
+    return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
 
 
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:

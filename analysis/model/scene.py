@@ -113,10 +113,10 @@ class Scene:
         """The ball standing proud by (n,) mm where the link touches it."""
         return replace(self, form_mm=self.form_mm + form_mm)
 
-    def blended(self, other: Scene, share: float) -> Scene:
-        """The scene with a share of what another one, after an effect of joints or gauges, changes of it."""
-        link_q, g_mm = self.link_q + share * (other.link_q - self.link_q), self.g_mm + share * (other.g_mm - self.g_mm)
-        return replace(self, link_q=link_q, g_mm=g_mm)
+    def blended(self, before: Scene, after: Scene, share: float) -> Scene:
+        """The scene with a share of what an effect of joints or gauges changes from one scene to another."""
+        link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
+        return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
     def with_gauges_at(self, offsets_mm: Array) -> Scene:
         """The gauges at other places (k,) mm on the baseline."""

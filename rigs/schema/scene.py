@@ -80,8 +80,8 @@ class Scene(Protocol):
     def with_form(self, form_mm: Array) -> Self:
         """The ball standing proud by (n,) mm where the link touches it."""
 
-    def blended(self, other: Self, share: float) -> Self:
-        """The scene with a share of what another one, after an effect of joints or gauges, changes of it."""
+    def blended(self, before: Self, after: Self, share: float) -> Self:
+        """The scene with a share of what an effect of joints or gauges changes from one scene to another."""
 
     def with_gauges_at(self, offsets_mm: Array) -> Self:
         """The gauges at other places (k,) mm on the baseline."""
