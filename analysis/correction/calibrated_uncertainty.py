@@ -72,7 +72,8 @@ class CalibratedUncertainty:
     @property
     def joints_rad(self) -> Array:
         """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model."""
-        return np.radians(np.array(self.calibrated.joints_deg))
+        joints: Array = np.radians(np.array(self.calibrated.joints_deg))
+        return joints
 
     def _derivatives(self, q: Array) -> Array:
         """Return the change (p, n, 6) of the tool, mm and rad, for each kept parameter in its own unit."""
@@ -91,8 +92,7 @@ class CalibratedUncertainty:
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
                 moved: Array = np.einsum("na,ani->ni", turns, by_joint)
                 return moved
-            moved = pose_error(base, tool_poses(_with(model, effect), q))
-            return moved
+            return pose_error(base, tool_poses(_with(model, effect), q))
 
         known: dict[Effect, Array] = {}
 
