@@ -18,7 +18,8 @@ import pyarrow as pa
 
 from analysis.files.columns import Columns, Row, column_type, columns_of
 from analysis.files.header import check_header
-from analysis.files.ros_bag import MAGIC, table_of_bag
+from analysis.files.mcap_messages import MAGIC
+from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource
@@ -124,7 +125,7 @@ def _bytes(path: Path) -> bytes:
 def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
     if "direction" not in LAYOUTS[test].required:
         raise FileError(where, "is a bag, from which only a circle is read", f"give the table of a {test} test as CSV")
-    return table_of_bag(data, where, rig)
+    return table_of_bag(data, where, rig, test)
 
 
 def _begins_with(path: Path, head: bytes) -> bool:
