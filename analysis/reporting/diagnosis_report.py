@@ -7,8 +7,9 @@ from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
-from analysis.reporting.extended_rig import beside, with_origin, write_extended
+from analysis.reporting.extended_rig import beside, with_origin
 from rigs.errors import FileError
+from rigs.extend import extended
 
 
 def hold_empty(directory: Path) -> None:
@@ -28,15 +29,13 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     text: of the rig file begun with. It is written, with the effects added, only where the diagnosis stands by some;
     where a name has rivals, the likeliest goes in. Raises FileError.
     """
+    from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
-    answer, sheet = directory / "diagnosis.json", directory / "diagnosis.png"
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        answer.write_text(json.dumps(found.to_dict(), indent=2) + "\n", encoding="utf-8")
-        picture(found).savefig(sheet, dpi=130)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    files = {
+        "diagnosis.json": holding((json.dumps(found.to_dict(), indent=2) + "\n").encode()),
+        "diagnosis.png": lambda file: picture(found).savefig(file, format="png", dpi=130),
+    }
     effects = [
         beside(
             with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
@@ -44,8 +43,7 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
         )
         for one in found.standing
     ]
-    if not effects:
-        return [answer, sheet]
-    extended = directory / f"{found.rig.name}.yaml"
-    write_extended(text, effects, extended)
-    return [answer, sheet, extended]
+    if effects:
+        name = f"{found.rig.name}.yaml"
+        files[name] = holding(extended(text, effects, str(directory / name)).encode())
+    return write_all_new(directory, files)

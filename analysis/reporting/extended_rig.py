@@ -7,9 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from analysis.files.write import make_parent
+from analysis.files.write import holding, write_new
 from rigs.effects import Effect, Found
-from rigs.errors import FileError
 from rigs.extend import extended
 
 
@@ -39,12 +38,4 @@ def beside(effect: Effect, **more: object) -> Effect:
 def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:
     """A rig file's text with effects added, as a new file. Raises FileError where it exists or cannot be written,
     RigFileError where an effect is beyond its bounds."""
-    grown = extended(text, effects, str(output))
-    make_parent(output)
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(grown)
-    except FileExistsError:
-        raise FileError(str(output), "exists already", "give another --output, or remove it first") from None
-    except OSError as error:
-        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+    write_new(output, holding(extended(text, effects, str(output)).encode()))

@@ -1,4 +1,4 @@
-"""What holds of every table that is read, whoever wrote its run: numbers of a size that is measured, time in order.
+"""The rules of every table that is read, of any program: numbers of a size that is measured, time in order.
 
 Import says the same of a file, with its lines. A run directory is only files, and one that was edited, or made by
 another program, had a time of nan or 1e300 in it, which stopped the analysis of all runs beside it.
