@@ -34,7 +34,9 @@ class Quantity:
     noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
-        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`."""
+        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; without one that is not known."""
+        if not np.isfinite(self.u):
+            return f"{self.rounded(self.value)} {self.sign}".rstrip()
         return f"{self.rounded(self.value)} ± {self.rounded(self.u)} {self.sign}".rstrip()
 
     @property
