@@ -21,7 +21,7 @@ STEPS = 4
 """Number of fits, each to the readings that are near after the one before (Rousseeuw's concentration steps): fitted to
 all of them, one wild reading in nine hid itself."""
 _FEW = 30
-"""Of up to so many readings each is left out by itself to begin with, which takes as many fits."""
+"""Each of up to so many readings is left out by itself to begin with, which takes as many fits."""
 _MOST = 0.1
 """More than this share of readings, and more than one, are no accident."""
 _RANGE = 3
