@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
 from rigs.errors import CellError, FileError
 from rigs.text import plain_lines
@@ -131,7 +132,8 @@ def write_parquet(table: pa.Table, file: BinaryIO) -> None:
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
     """The table as UTF-8 with a header and commas; every number in the fewest digits that give it back.
 
-    Text is plain (`rigs.text`), line feeds in it stay; Parquet keeps it as it was.
+    Text is plain (`rigs.text`), line feeds in it stay; text that a spreadsheet takes for a formula has an apostrophe
+    before it, as those programs themselves write it. Parquet keeps text as it was.
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
@@ -144,7 +146,7 @@ def _cell(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    text = plain_lines(text)
+    text = no_formula(plain_lines(text))
     if any(mark in text for mark in ',"\n'):
         return '"' + text.replace('"', '""') + '"'
     return text
