@@ -13,7 +13,7 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 
@@ -45,7 +45,9 @@ def correct_rig(
     without what it needs."""
     if not rig.effects:
         raise FileError(
-            rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
+            RigPlace.of(rig.name),
+            "has no effects to correct",
+            "diagnose or calibrate it, and give the rig file written",
         )
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")

@@ -26,7 +26,7 @@ from analysis.measures.results import Result
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.traces.laps import Laps
 from analysis.traces.tables import CircleTable
-from rigs.effects import Effect, JointOffset, play_of_joint
+from rigs.effects import Effect, play_of_joint
 from rigs.rig import Rig
 
 if TYPE_CHECKING:
@@ -159,10 +159,11 @@ class _Lap:
         bare = cls(rig, way, inside, phi, half_mm, q, np.zeros(2 * len(PHI)))
         return replace(bare, without=bare.nodes(()))
 
-    def nodes(self, effects: tuple[Effect, ...]) -> Array:
-        """Angle and distance (2 NODES,) mm of a robot with effects."""
+    def nodes(self, effects: tuple[Effect, ...], out: Array | None = None) -> Array:
+        """Angle and distance (2 NODES,) mm of a robot with effects, its joints out by `out` (6,) rad."""
         model = model_of(self.rig, effects)
-        g_mm = predict(model, self.way, path_of(model, self.way), nominal_setup(self.rig, self.way))[self.inside]
+        way = self.way if out is None else replace(self.way, q=self.way.q + out)
+        g_mm = predict(model, way, path_of(model, way), nominal_setup(self.rig, self.way))[self.inside]
         turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
         return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
 
@@ -172,7 +173,8 @@ class _Lap:
 
     def offset(self, axis: int) -> Array:
         """What an axis that is out makes of angle and distance, (2 NODES,) mm for each degree."""
-        return (self.nodes((JointOffset(axis=axis, offset_deg=_OUT_DEG),)) - self.without) / _OUT_DEG
+        out = np.where(np.arange(1, 7) == axis, np.radians(_OUT_DEG), 0.0)
+        return (self.nodes((), out) - self.without) / _OUT_DEG
 
 
 def _smooth() -> Array:
