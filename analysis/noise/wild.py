@@ -22,7 +22,7 @@ STEPS = 4
 all of them, one wild reading in nine hid itself."""
 _FEW = 30
 """Each of up to so many readings is left out by itself to begin with, which takes as many fits."""
-_MOST = 0.1
+MOST = 0.1
 """More than this share of readings, and more than one, are no accident."""
 _RANGE = 3
 """So many wild readings with a range of a joint to themselves are no accident: of three in 130 placed at random, the
@@ -62,7 +62,7 @@ def _start(distances_of: Callable[[Mask], Array], count: int, least: float) -> M
 def by_accident(far: Mask, q: Array) -> bool:
     """Whether far readings (n,) are few, and have no range of any joint to themselves: angles q (n, 6) rad."""
     count = int(far.sum())
-    if count > max(1.0, _MOST * len(far)):
+    if count > max(1.0, MOST * len(far)):
         return False
     if count < _RANGE:
         return True

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.kinematics.arm import Array, forward
-from analysis.measures import pose
-from analysis.traces.tables import PoseTable
+from analysis.measures import pose, repeatability
+from analysis.traces.tables import PoseTable, RepeatabilityTable
 from tests.support import planted
 
 SPREAD_MM = 0.08
@@ -112,3 +112,19 @@ def test_a_coupling_that_is_missing_is_a_doubt(seed: int) -> None:
     q[:, 2] += q[:, 1]
     found = evaluated(replace(sound, q=q))
     assert found.samples == 60 and any("misses these poses" in note for note in found.notes)
+
+
+def test_a_wild_visit_of_a_repeatability_test_is_named_and_stays() -> None:
+    rng = np.random.default_rng(3)
+    target, side, visit = (one.ravel() for one in np.meshgrid([1, 2, 3], ["out", "in"], np.arange(5), indexing="ij"))
+    g_mm = rng.normal(0, 0.02, len(target))
+
+    def notes() -> tuple[str, ...]:
+        zero = np.zeros(len(target))
+        table = RepeatabilityTable(target, side, visit + 1, zero, np.zeros((len(target), 6)), g_mm)
+        return repeatability.evaluate(table, 0.001).notes
+
+    assert not any("from the others" in note for note in notes())
+    g_mm[12] += 2.0
+    (note,) = [note for note in notes() if "from the others" in note]
+    assert note.startswith("1 reading is up to 2") and "(target 2, out)" in note
