@@ -13,6 +13,20 @@ from rigs.text import plain
 _LONGEST = 1000
 
 
+class RigPlace(str):
+    """A rig, or the part of it that is wrong, where an error is about a rig whose file is not known: code that has only
+    the rig names it by the rig's own name, which copies of a file share. part: as `tests.circle`, or nothing."""
+
+    rig_name: str = ""
+    part: str = ""
+
+    @classmethod
+    def of(cls, rig_name: str, part: str = "") -> RigPlace:
+        place = cls(f"{rig_name}, {part}" if part else rig_name)
+        place.rig_name, place.part = rig_name, part
+        return place
+
+
 class RigError(Exception):
     """An expected failure.
 

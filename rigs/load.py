@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
-from rigs.errors import FileError
+from rigs.errors import FileError, RigPlace
 from rigs.files import read_bytes, read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
@@ -137,10 +137,10 @@ def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
     try:
         yield
     except FileError as error:
-        name, comma, place = error.where.partition(", ")
-        if name != rig.name:
+        if not isinstance(error.where, RigPlace) or error.where.rig_name != rig.name:
             raise
-        raise FileError(f"{file}{comma}{place}", error.what, error.remedy) from None
+        part = f", {error.where.part}" if error.where.part else ""
+        raise FileError(f"{file}{part}", error.what, error.remedy) from None
 
 
 def parse(text: str, where: str) -> Rig:

@@ -39,6 +39,8 @@ _LARGEST = 1e6
 _MOST_BYTES = 100_000
 """A calibration.conf has some 2000."""
 _REMEDY = "give calibration.conf of the controller, unchanged"
+ROS_KINEMATICS = "kinematics:"
+"""The first key of the YAML that ur_calibration of ROS writes: frames of its URDF, not differences of constants."""
 _NOT_CALIBRATED = "0"
 """calibration_status; 1 and 2 are an arm that was measured."""
 _LARGE_MM = 50.0
@@ -93,7 +95,10 @@ def read_calibration(path: Path) -> Differences:
     """Return the differences that a calibration.conf holds. Raises FileError."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
-        parser.read_string(read_text(path, _MOST_BYTES), source=path.name)
+        text = read_text(path, _MOST_BYTES)
+        if text.lstrip().startswith(ROS_KINEMATICS):
+            raise FileError(str(path), "is the YAML of ur_calibration of ROS, which holds frames of a URDF", _REMEDY)
+        parser.read_string(text, source=path.name)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
     except configparser.Error as error:

@@ -26,6 +26,9 @@ _MOST_BYTES = 10_000_000
 """The URDF of a humanoid has half a megabyte; meshes are files of their own."""
 _MOST_PARTS = 2000
 """Links and joints; a humanoid with both hands has some hundred."""
+_MOST_ATTRIBUTES = 10_000
+"""Signs of equality in one element, or comment, of a file: an element has some three, and the time that the library for
+XML takes for attributes grows with their square, 90 s for 200,000."""
 _LARGEST = 1e6
 """No arm has so many metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -113,6 +116,8 @@ def _text(path: Path) -> str:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
         raise FileError(str(path), "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
+    if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
+        raise FileError(str(path), f"has an element of more than {_MOST_ATTRIBUTES} attributes", _REMEDY)
     return text
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import shutil
-import signal
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -18,11 +15,11 @@ from analysis.batch.remote_path import RemotePath
 from analysis.batch.remote_store import entries, explained, opened
 from analysis.batch.run_files import is_read
 from daq.store.records import to_recover
+from daq.store.staged import removed_at_signals
 from rigs.errors import CellError, FileError, RigError
 
 _PREFIX = "rig-"
 _MORE_ROOM = "set TMPDIR to a directory with more room"
-_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 
@@ -57,7 +54,7 @@ def named(text: str, copy: Path, run: Path) -> str:
 def place_of_copies() -> Iterator[str]:
     """A directory for the copies of several processes, which outlives those that are killed. It is removed at the end,
     also where this process is ended by SIGTERM or loses its terminal. Raises CellError where it cannot be made."""
-    with _temporary_directory(None) as name, _removed_at_signals(name):
+    with _temporary_directory(None) as name, removed_at_signals(name, _kill_workers):
         yield name
 
 
@@ -80,32 +77,13 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
         yield name
 
 
-@contextmanager
-def _removed_at_signals(directory: str) -> Iterator[None]:
-    """Signals that end this process at once remove a directory first, unless somebody else handles or ignores them."""
-    owner = os.getpid()
-
-    def leave(number: int, _: object) -> None:
-        # No exception does this: one that is raised within a fork is ignored, and the signal would be lost.
-        if os.getpid() == owner:  # and not a process that was forked, which shares the directory
-            workers = [child for child in multiprocessing.active_children() if child.daemon]
-            for worker in workers:
-                worker.kill()
-            for worker in workers:  # else they would go on writing into it
-                worker.join()
-            shutil.rmtree(directory, ignore_errors=True)
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
-
-    is_main = threading.current_thread() is threading.main_thread()  # no other may handle signals
-    numbers = [number for number in _ENDS if is_main and signal.getsignal(number) is signal.SIG_DFL]
-    for number in numbers:
-        signal.signal(number, leave)
-    try:
-        yield
-    finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+def _kill_workers() -> None:
+    """Kill the processes that write copies, else they would go on writing into a directory that is removed."""
+    workers = [child for child in multiprocessing.active_children() if child.daemon]
+    for worker in workers:
+        worker.kill()
+    for worker in workers:
+        worker.join()
 
 
 def _fetch(run: RemotePath, into: Path) -> None:

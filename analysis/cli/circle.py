@@ -12,7 +12,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say
 from analysis.cli.options import AsJson
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError, RigPlace, UseError
 
 if TYPE_CHECKING:
     from analysis.cli.fitted_test import FittedTest, RigFile
@@ -191,7 +191,7 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
         doubts = of_circle.doubts
         if rig.tests.hemisphere is None:
             what = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
-            raise FileError(rig.name, what, "add tests.hemisphere with posture_deg, or give a radial run")
+            raise FileError(RigPlace.of(rig.name), what, "add tests.hemisphere with posture_deg, or give a radial run")
     else:
         touched = touched_ball(runs, rig)
         values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts

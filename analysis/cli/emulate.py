@@ -53,6 +53,7 @@ def emulate(
 
     from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
+    from daq.store import durable  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
 
@@ -64,8 +65,10 @@ def emulate(
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        path.write_text(cell.rig_text(text, emulated=True), encoding="utf-8")
-        (directory / TRUTH).write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
+        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
+        durable.replace(
+            path, cell.rig_text(text, emulated=True).encode()
+        )  # the last: by the other it is known as an emulated cell's
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     ends: SimpleQueue[int] = SimpleQueue()

@@ -39,6 +39,7 @@ def replay(
     from queue import SimpleQueue  # noqa: PLC0415
 
     from daq.emulators import Replay  # noqa: PLC0415
+    from daq.store import durable  # noqa: PLC0415
     from daq.wire.capture import read_capture  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -49,7 +50,7 @@ def replay(
     try:
         directory.mkdir(parents=True, exist_ok=True)
         played = Replay.open(rig, capture, directory / MARKS)
-        path.write_text(played.rig_text(text), encoding="utf-8")
+        durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     ends: SimpleQueue[int] = SimpleQueue()

@@ -19,7 +19,7 @@ from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import displaced_mm, rest_effects, rms_um, used_effects, work_angles
 from analysis.model.predict import model_of
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 
@@ -69,7 +69,9 @@ def correct_rig(
     `entered` without what it needs."""
     if not model_of(rig).effects:
         raise FileError(
-            rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
+            RigPlace.of(rig.name),
+            "has no effects to correct",
+            "diagnose or calibrate it, and give the rig file written",
         )
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")

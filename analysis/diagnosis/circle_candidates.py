@@ -12,7 +12,7 @@ import numpy as np
 from analysis.diagnosis.further_tests import FASTER, OFF_AXIS_MM, ball_off_axis, other_radii, places, with_circle
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_program
-from rigs.errors import FileError
+from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.vocabulary import TestName
@@ -52,7 +52,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     """Return the further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
     Raises FileError for a rig without a circle to begin from."""
     if rig.tests.circle is None:
-        raise FileError(rig.name, "has no tests.circle to begin from", "add one: centre, posture, radius")
+        raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
     found, refused = [], Counter[str]()
     for words, other in _circles(rig, rig.tests.circle):
         try:

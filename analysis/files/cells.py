@@ -14,11 +14,10 @@ import numpy as np
 from analysis.files.table_problems import quoted
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, WORDS
+from analysis.traces.table_rules import LARGEST
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
-_LARGEST = 1e12
-"""No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
 _OTHER_WORDS = {"ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "clockwise": "cw"}
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
 """Where a text has no other characters, float() and `value` agree on whether it is a number."""
@@ -43,14 +42,14 @@ def numbers(texts: Sequence[str]) -> Array | None:
         found = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except ValueError:
         return None
-    return found if np.abs(found).max(initial=0.0) <= _LARGEST else None
+    return found if np.abs(found).max(initial=0.0) <= LARGEST else None
 
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"{quoted(text)} is {_what_it_is(text)}")
     number = float(text)
-    if abs(number) > _LARGEST:
+    if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
 

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.files.cells import Value, numbers, value
+from analysis.files.formulas import as_it_was
 from analysis.files.table_problems import Problems, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, LAYOUTS, WORDS
@@ -47,7 +48,7 @@ def _values(
     name: str, texts: Sequence[str], lines: np.ndarray, test: TestName, problems: Problems
 ) -> Sequence[Value | None] | Array:
     if name not in LAYOUTS[test].known:
-        return texts
+        return [as_it_was(text) for text in texts]
     if column_type(name, test) == "double" and (found := numbers(texts)) is not None:
         return found
     read = {text: _read(name, text) for text in set(texts)}

@@ -17,8 +17,11 @@ from pathlib import Path
 import pyarrow as pa
 
 from analysis.files.columns import Columns, Row, column_type, columns_of
+from analysis.files.formulas import as_it_was
 from analysis.files.header import check_header
-from analysis.files.ros_bag import MAGIC, table_of_bag
+from analysis.files.mcap_messages import MAGIC
+from analysis.files.other_formats import refuse_comments, refuse_other_formats
+from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource
@@ -77,10 +80,13 @@ def parse_csv(
     _require_text(where, data)
     rows = _rows(data, where)
     _, names = next(rows, (1, []))
+    if names and names[0].startswith("#"):
+        refuse_comments(where, data, test)
     if not any(names):
         raise FileError(where, "is empty", "give a table with a header line")
     if len(names) > _MOST_COLUMNS:
         raise FileError(where, f"has {len(names)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
+    names = [as_it_was(name) for name in names]
     if joints == "commanded":
         names = _commanded(names, where)
     check_header(where, names, test, direction is not None)
@@ -124,7 +130,7 @@ def _bytes(path: Path) -> bytes:
 def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
     if "direction" not in LAYOUTS[test].required:
         raise FileError(where, "is a bag, from which only a circle is read", f"give the table of a {test} test as CSV")
-    return table_of_bag(data, where, rig)
+    return table_of_bag(data, where, rig, test)
 
 
 def _begins_with(path: Path, head: bytes) -> bool:
@@ -133,12 +139,7 @@ def _begins_with(path: Path, head: bytes) -> bool:
 
 
 def _require_text(where: str, data: bytes) -> None:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise FileError(where, "is UTF-16", "save it as UTF-8")
-    if data.startswith(b"PAR1"):
-        raise FileError(where, "is a Parquet file", "give the table as CSV")
-    if data.startswith(b"SQLite format 3\0"):
-        raise FileError(where, "is an SQLite file", "give a table as CSV; a bag of ROS 2 as MCAP (ros2 bag convert)")
+    refuse_other_formats(where, data)
     try:
         if not data.isascii():
             data.decode("utf-8-sig")

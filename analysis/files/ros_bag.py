@@ -1,9 +1,10 @@
 """A bag of ROS 2 (MCAP, rosbag2's own format) as the table of a circle, which is then read like any other.
 
 Joints come from the topic of `sensor_msgs/msg/JointState` that the rig file names (`ros2_joint_states`), gauges from
-topics of `std_msgs/msg/Float64` by their names, `/g1` and `/g2`, in mm. Such a number has no stamp, so that all times
-are those at which the bag's recorder received a message: one clock, and late by what the network took. Gauge 1 sets
-the rows; the rest is interpolated, and rows at gaps are left out and counted, as `analysis.traces.align` does.
+topics of `std_msgs/msg/Float64` by their names, `/g1` and `/g2`, in mm. The messages of a topic are a stream like that
+of an instrument, so that times and rows are made as those of a recorded run (`analysis.traces.align`): by the stamps of
+the sender where a topic has them, and by the pace of the messages where it has none. How uneven they came is in the
+uncertainty of each row's time and of what all rows share.
 
 The two messages are taken from CDR here: their layout is fixed, where a general reader would build code from the text
 of definitions in a file that somebody else made.
@@ -15,111 +16,156 @@ import csv
 import io
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-import lz4.frame
 import numpy as np
-import zstandard
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Schema
-from mcap.stream_reader import StreamReader
 
-from analysis.kinematics.arm import Array
-from analysis.traces.align import JUMPS_NS, MOVES_NS, gaps_ns
+from analysis.files.mcap_messages import Bag, words_of
+from analysis.kinematics.arm import Integers, Mask
+from analysis.traces.align import Aligned, align_streams
+from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.files import out_of_memory
 from rigs.rig import Rig
 from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.vocabulary import TestName
 
-MAGIC = b"\x89MCAP0\r\n"
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
-_MOST_UNPACKED = 2_000_000_000
-"""Bytes of all chunks of a bag once they are unpacked: eight times the largest file."""
-_PIECE = 1_000_000
-"""Bytes that are unpacked at a time to count them."""
 _JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
+_JOINT_COLUMNS = tuple(f"q{axis}_deg" for axis in range(1, 7))
+_NO_STAMP = 0
+_LEAP_NS = 1e9
+"""No network holds a message back for so long without losing its link."""
+Message = tuple[int, list[float]]
+"""The sender's stamp in ns, 0 for none, and values."""
 
 
 @dataclass
 class _Track:
-    """Messages of one topic: log times in ns, and values. read: None for a message that lacks a joint. lacking: how
-    many have no such values, are not of this layout, or are no later than the one before."""
+    """Messages of one topic: log times and the sender's stamps in ns, and values. read: None for a message that lacks a
+    joint. lacking: how many have no such values or are not of this layout."""
 
     schema: str
-    read: Callable[[bytes], list[float] | None]
-    ns: list[int]
-    values: list[list[float]]
+    columns: tuple[str, ...]
+    read: Callable[[bytes], Message | None]
+    ns: list[int] = field(default_factory=list)
+    sent_ns: list[int] = field(default_factory=list)
+    values: list[list[float]] = field(default_factory=list)
     lacking: int = 0
 
-    def add(self, ns: int, data: bytes) -> None:
+    def add(self, log_ns: int, sent_ns: int, data: bytes) -> None:
         try:
-            values = self.read(data)
+            message = self.read(data)
         except (struct.error, IndexError):
-            values = None
-        if values is None or not np.isfinite(values).all() or (self.ns and ns <= self.ns[-1]):
+            message = None
+        if message is None or not np.isfinite(message[1]).all():
             self.lacking += 1
             return
-        self.ns.append(ns)
+        stamp_ns, values = message
+        self.ns.append(log_ns)
+        self.sent_ns.append(stamp_ns or (_NO_STAMP if sent_ns == log_ns else sent_ns))
         self.values.append(values)
 
 
-def table_of_bag(data: bytes, where: str, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
+def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
-    tracks = _read(data, where, rig)
-    doubts = [
-        f"{topic}: left out {one.lacking} of {one.lacking + len(one.ns)} messages, which lack a joint or a finite "
-        "number, or are no later than the one before"
-        for topic, one in tracks.items()
-        if one.lacking
+    bag = Bag(data, where)
+    tracks = _read(bag, rig)
+    doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
+    begin_ns = min(min(one.ns) for one in tracks.values())  # since 1970, a float has steps of 256 ns
+    streams: dict[str, Columns] = {}
+    for topic, one in tracks.items():
+        streams[topic], more = _stream(topic, one, begin_ns)
+        doubts += more
+    found = align_streams(Path(where), streams, test, _behind_topics(rig))
+    # A message can only be late. So what all are late by is no better known than how unevenly they are.
+    u_lag_s = float(np.hypot(found.u_lag_s, np.sqrt(np.mean(found.u_t_s**2))))
+    doubts += [
+        *found.doubts,
+        "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
     ]
-    begin_ns = min(one.ns[0] for one in tracks.values())  # since 1970, a float has steps of 256 ns
-    timed = ((np.array(one.ns) - begin_ns).astype(float) for one in tracks.values())
-    joints, first, *others = zip(timed, (np.array(one.values) for one in tracks.values()), strict=True)
-    rows_ns = first[0]
-    keep = np.ones(len(rows_ns), dtype=bool)
-    for (ns, _), short_ns in zip([joints, *others], [MOVES_NS, *[JUMPS_NS] * len(others)], strict=True):
-        keep &= (rows_ns >= ns[0]) & (rows_ns <= ns[-1]) & (gaps_ns(rows_ns, ns, short_ns) == 0)
-    if keep.sum() < 2:
-        raise FileError(where, "joints and gauges were never recorded at the same time", "record all topics together")
-    if dropped := int((~keep).sum()):
-        doubts.append(f"{dropped} of {len(keep)} rows are left out at gaps, and before and after the other topics")
-    doubts.append("times are those at which the bag received each message: how late that was is in no uncertainty")
-    rows_ns = rows_ns[keep]
-    parts = [np.interp(rows_ns, ns, column) for ns, values in (joints, first, *others) for column in values.T]
-    names = [*(f"q{axis}_deg" for axis in range(1, 7)), *(f"{topic[1:]}_mm" for topic in list(tracks)[1:])]
-    return _csv(["t_s", *names], np.column_stack([(rows_ns - rows_ns[0]) / 1e9, *parts])), tuple(doubts)
+    return _csv(found, u_lag_s), tuple(doubts)
 
 
-def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
+def _behind_topics(rig: Rig) -> Rig:
+    """The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes."""
+    gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
+    return rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
+
+
+def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
+    """The columns of an instrument's stream from the messages of a topic, in order of time, and doubts in words."""
+    order = np.argsort(np.array(track.ns), kind="stable")
+    ns, sent_ns = (np.array(one, dtype=np.int64)[order] for one in (track.ns, track.sent_ns))
+    values = np.array(track.values)[order]
+    has_clock = bool((sent_ns != _NO_STAMP).all() and np.ptp(sent_ns) > 0)
+    fresh = _newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
+    doubts = []
+    total = len(ns) + track.lacking
+    if track.lacking:
+        doubts.append(f"{topic}: left out {track.lacking} of {total} messages, which lack a joint or a finite number")
+    if stale := int((~fresh).sum()):
+        why = (
+            "whose stamps are no later than that of a message before: a second publisher, or messages sent again; the "
+            f"newest is used; see ros2 topic info {topic} --verbose"
+        )
+        doubts.append(f"{topic}: left out {stale} of {total} messages, {why}")
+    ns, sent_ns, values = ns[fresh] - begin_ns, sent_ns[fresh], values[fresh]
+    device_s = (sent_ns - sent_ns[0]) / 1e9 if has_clock else np.full(len(ns), np.nan)
+    none = np.zeros(len(ns), dtype=np.int64)
+    fixed: dict[str, np.ndarray[Any, Any]] = {
+        "requested_ns": none - 1,
+        "first_byte_ns": ns,
+        "last_byte_ns": ns,
+        "size": none,
+        "status": none,
+        "device_time_s": device_s,
+    }
+    return {**fixed, **dict(zip(track.columns, values.T, strict=True))}, doubts
+
+
+def _newest(ns: Integers, sent_ns: Integers) -> Mask:
+    """Which messages (n,) have a later stamp than all before. A stamp from the future by itself is none of them: it
+    would make all that follow old ones."""
+    early_ns = ns - sent_ns  # a message is never received before it was sent, whatever the offset of the two clocks
+    possible = early_ns > np.quantile(early_ns, 0.01) - _LEAP_NS
+    newest = np.maximum.accumulate(np.where(possible, sent_ns, np.iinfo(np.int64).min))
+    return np.asarray(possible & (sent_ns > np.concatenate([[np.iinfo(np.int64).min], newest[:-1]])))
+
+
+def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     """The topic of the joints, then those of the gauges."""
+    where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
         raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
-    if not data.endswith(MAGIC):
+    if not bag.is_whole:
         remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
         raise FileError(where, "is cut off: a bag ends as it begins", remedy)
     names = rig.feedback.joints
-    tracks = {"/" + rig.feedback.topic.lstrip("/"): _Track(_JOINT_STATE, lambda one: _angles_deg(one, names), [], [])}
-    tracks |= {f"/{name}": _Track(_NUMBER, _number, [], []) for name, _ in rig.gauges}
+    topic = "/" + rig.feedback.topic.lstrip("/")
+    tracks = {topic: _Track(_JOINT_STATE, _JOINT_COLUMNS, lambda one: _angles_deg(one, names))}
+    tracks |= {f"/{name}": _Track(_NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
     found: dict[str, str] = {}
     try:
-        _hold_size(data, where)
-        for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
-            found[channel.topic] = _kind(schema, channel)
-            track = tracks.get(channel.topic)
-            if track and found[channel.topic] == track.schema and len(track.ns) < _MOST_MESSAGES:
-                track.add(message.log_time, message.data)
+        for message in bag.messages():
+            found[message.topic] = message.kind
+            track = tracks.get(message.topic)
+            if track and message.kind == track.schema:
+                track.add(message.log_ns, message.sent_ns, message.data)
+                if len(track.ns) > _MOST_MESSAGES:
+                    what = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
+                    raise FileError(where, what, "import it in several runs")
     except FileError:
         raise
     except MemoryError:
         raise out_of_memory(Path(where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
+        raise FileError(where, f"is damaged: {words_of(error)}", "copy the bag again") from None
     for topic, track in tracks.items():
-        if len(track.ns) >= _MOST_MESSAGES:
-            raise FileError(where, f"has more than {_MOST_MESSAGES} messages of {topic}", "import it in several runs")
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(found.items()))[:300] or "no messages"
             what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
@@ -129,46 +175,13 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     return tracks
 
 
-def _hold_size(data: bytes, where: str) -> None:
-    """Raise FileError where the chunks of a bag stand for more than the limit: a few bytes can stand for any number,
-    and the reader of bags unpacks whatever a chunk states."""
-    total = 0
-    for record in StreamReader(io.BytesIO(data), emit_chunks=True).records:
-        if isinstance(record, Chunk):
-            total += max(record.uncompressed_size, _frame_bytes(record))
-        if total > _MOST_UNPACKED:
-            what = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
-            raise FileError(where, what, "record the topics of joints and gauges alone, or import it in several runs")
-
-
-def _frame_bytes(chunk: Chunk) -> int:
-    """Return the bytes that the frame of a compressed chunk unpacks to, as far as that is known before."""
-    if chunk.compression == "zstd":
-        return int(zstandard.frame_content_size(chunk.data))  # -1: unknown, and unpacked no further than the chunk says
-    return _lz4_bytes(chunk.data) if chunk.compression == "lz4" else len(chunk.data)
-
-
-def _lz4_bytes(data: bytes) -> int:
-    """Return the bytes that an lz4 frame unpacks to, a piece at a time: it need not state them."""
-    frame, total = lz4.frame.LZ4FrameDecompressor(), 0
-    while not frame.eof and total <= _MOST_UNPACKED:
-        piece = frame.decompress(data, max_length=_PIECE)
-        if not piece and frame.needs_input:
-            break  # it is cut off, as its reader will find
-        data, total = b"", total + len(piece)
-    return total
-
-
-def _kind(schema: Schema | None, channel: Channel) -> str:
-    """The type of a channel's messages; one that is not written as ROS 2 does has its encoding beside it."""
-    name = schema.name if schema else ""
-    return name if channel.message_encoding == "cdr" else f"{name} as {channel.message_encoding}"
-
-
-def _csv(names: list[str], rows: Array) -> bytes:
+def _csv(found: Aligned, u_lag_s: float) -> bytes:
+    gauges = [f"g{number}_mm" for number in range(1, found.g_mm.shape[1] + 1)]
+    shared = np.full(len(found.t_s), u_lag_s)
+    rows = np.column_stack([found.t_s, np.degrees(found.q), found.g_mm, found.u_t_s, shared])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
+    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauges, "u_t_s", "u_lag_s"])
     writer.writerows(rows.tolist())
     return text.getvalue().encode()
 
@@ -199,16 +212,18 @@ class _Cdr:
         return str(held.rstrip(b"\0"), "utf-8", "replace")
 
 
-def _angles_deg(data: bytes, names: tuple[str, ...]) -> list[float] | None:
-    """The six angles of a JointState; None where it lacks one."""
+def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
+    """The stamp and the six angles of a JointState; None where it lacks one."""
     message = _Cdr(data)
-    message.take("I", 2)
+    seconds, nanoseconds = (int(one) for one in message.take("I", 2))
     message.text()
     joints = [message.text() for _ in range(message.count())]
     positions = message.take("d", message.count())
     placed = dict(zip(joints, positions, strict=False))
-    return [float(np.degrees(placed[name])) for name in names] if set(names) <= placed.keys() else None
+    if not set(names) <= placed.keys():
+        return None
+    return seconds * 10**9 + nanoseconds, [float(np.degrees(placed[name])) for name in names]
 
 
-def _number(data: bytes) -> list[float] | None:
-    return [float(_Cdr(data).take("d")[0])]
+def _number(data: bytes) -> Message | None:
+    return _NO_STAMP, [float(_Cdr(data).take("d")[0])]

@@ -12,7 +12,7 @@ from analysis.files.columns import Columns
 from analysis.files.table_problems import TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
-from analysis.traces.table_layout import JOINTS, LAYOUTS
+from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -34,6 +34,9 @@ def check_sequence(
     known = LAYOUTS[test].known
     if "t_s" in known and "t_s" in columns:
         yield from _time(columns["t_s"].to_numpy(), lines)
+    for name in (name for name in TIME_U if name in known and name in columns):
+        for k in np.flatnonzero(columns[name].to_numpy() < 0):
+            yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in known and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
     if "direction" in known:

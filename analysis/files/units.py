@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.files.gauge_units import circle_gauges, too_far
 from analysis.files.off_path import off_path
-from analysis.files.tracker_units import tracker
+from analysis.files.tracker_units import tracker, tracker_doubts
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.measures.rig_agreement import doubts_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
@@ -35,6 +35,8 @@ def check_units(table: Table, rig: Rig, where: str) -> list[str]:
         raise FileError(where, what, "convert them to degrees")
     for what, remedy in _mistakes(table, rig, places):
         raise FileError(where, what, remedy)
+    if isinstance(table, PoseTable):
+        return [*tracker_doubts(table, places), *doubts_of(table, rig)]
     return [*_doubts(table, rig), *doubts_of(table, rig)]
 
 

@@ -9,6 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from analysis.files.formulas import no_formula
+from daq.store.staged import files_into, surely
 from rigs.errors import CellError, FileError
 from rigs.text import plain_lines
 
@@ -31,24 +33,34 @@ def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
 
     Raises FileError where one exists already or cannot be made, CellError when the disk refuses.
     """
+    return _write_all(directory, files, over=False)
+
+
+def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
+    """Make files as `write_all_new` does, in place of those that are there: each is the old or the new one, whole."""
+    return _write_all(directory, files, over=True)
+
+
+def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> list[Path]:
     paths = [directory / name for name in files]
-    for path in paths:
+    for path in () if over else paths:
         if path.exists():
             raise FileError(str(path), "exists already", "choose another directory, or remove it first")
+    made, remedy = False, "give another --plot" if over else "choose another directory"
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        with files_into(directory, over=over) as hidden:
+            made = True
+            for name, write in files.items():
+                with (hidden / name).open("xb") as file:
+                    write(file)
+    except FileExistsError as error:
+        where = error.filename or str(directory)
+        raise FileError(where, "exists already", "choose another directory, or remove it first") from None
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "choose another directory") from None
-    written: list[Path] = []
-    try:
-        for path, write in zip(paths, files.values(), strict=True):
-            write_new(path, write)
-            written.append(path)
-    except BaseException:
-        for path in written:
-            with suppress(OSError):
-                path.unlink()
-        raise
+        if made:
+            what = f"cannot be written: {error.strerror or error}"
+            raise CellError(str(directory), what, "free some space or choose another disk") from error
+        raise FileError(str(directory), error.strerror or str(error), remedy) from None
     return paths
 
 
@@ -70,24 +82,24 @@ def write_new(path: Path, write: Writer) -> None:
     make_parent(path)
     try:
         _hold_free(path)
-        temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
-        file = temporary.open("xb")
     except FileExistsError:
         raise _exists(path) from None
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another --output") from None
+    temporary, opened = path.with_name(f".{secrets.token_hex(8)}.tmp"), False
     try:
-        with file:
+        with temporary.open("xb") as file:
+            opened = True
             write(file)
         _name(temporary, path)
     except FileExistsError:
         raise _exists(path) from None
     except OSError as error:
+        if not opened:
+            raise FileError(str(path), error.strerror or str(error), "give another --output") from None
         what = f"cannot be written: {error.strerror or error}"
         raise CellError(str(path), what, "free some space or choose another disk") from error
     finally:
         with suppress(OSError):
-            temporary.unlink()
+            surely(lambda: temporary.unlink(missing_ok=True))
 
 
 def _name(temporary: Path, path: Path) -> None:
@@ -120,7 +132,8 @@ def write_parquet(table: pa.Table, file: BinaryIO) -> None:
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
     """The table as UTF-8 with a header and commas; every number in the fewest digits that give it back.
 
-    Text is plain (`rigs.text`), line feeds in it stay; Parquet keeps it as it was.
+    Text is plain (`rigs.text`), line feeds in it stay; text that a spreadsheet takes for a formula has an apostrophe
+    before it, as those programs themselves write it. Parquet keeps text as it was.
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
@@ -133,7 +146,7 @@ def _cell(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    text = plain_lines(text)
+    text = no_formula(plain_lines(text))
     if any(mark in text for mark in ',"\n'):
         return '"' + text.replace('"', '""') + '"'
     return text

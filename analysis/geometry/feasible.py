@@ -9,7 +9,7 @@ import numpy as np
 from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
-from rigs.errors import FileError
+from rigs.errors import FileError, RigPlace
 from rigs.load import named_by
 from rigs.rig import Rig
 
@@ -33,7 +33,7 @@ def _circle(rig: Rig) -> list[str]:
         return ["no circle is declared"]
     seconds = circle_program(rig, "acw").t_s[-1]
     laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
-    turns = reversals(circle, arm_of(rig.robot), f"{rig.name}, tests.circle")
+    turns = reversals(circle, arm_of(rig.robot), RigPlace.of(rig.name, "tests.circle"))
     by_axis: dict[int, list[str]] = {}
     for turn in turns:
         by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")

@@ -16,7 +16,7 @@ from analysis.geometry.hemisphere import hemisphere_frame, target_angles, target
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of
 from analysis.kinematics.follow import follow
 from analysis.kinematics.newton import newton
-from rigs.errors import FileError
+from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import Direction
@@ -36,14 +36,16 @@ _SHORTEST_MOVE_S = 0.6
 def circle_of(rig: Rig) -> Circle:
     """The circle of a rig. Raises FileError for a rig without one."""
     if rig.tests.circle is None:
-        raise FileError(rig.name, "the rig file has no tests.circle", "add it: centre, posture, radius")
+        raise FileError(RigPlace.of(rig.name), "the rig file has no tests.circle", "add it: centre, posture, radius")
     return rig.tests.circle
 
 
 def hemisphere_of(rig: Rig) -> Hemisphere:
     """The hemisphere of a rig. Raises FileError for a rig without one."""
     if rig.tests.hemisphere is None:
-        raise FileError(rig.name, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
+        raise FileError(
+            RigPlace.of(rig.name), "the rig file has no tests.hemisphere", "add it: centre, posture, radius"
+        )
     return rig.tests.hemisphere
 
 
@@ -113,7 +115,7 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)
     t_s, phi = lap(circle, direction)
-    where = f"{rig.name}, tests.circle"
+    where = RigPlace.of(rig.name, "tests.circle")
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
     fastest = fastest_joints(t_s, q)
     _hold_speeds(arm, fastest, where)
@@ -217,7 +219,7 @@ def repeatability_targets(rig: Rig) -> Integers:
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
         what = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
-        raise FileError(f"{rig.name}, tests.repeatability", what, "correct targets")
+        raise FileError(RigPlace.of(rig.name, "tests.repeatability"), what, "correct targets")
     return target
 
 
@@ -279,7 +281,7 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
     if not good.all():
         bad = [name for name, reached in zip(names, good, strict=True) if not reached]
         raise FileError(
-            f"{rig.name}, tests.hemisphere",
+            RigPlace.of(rig.name, "tests.hemisphere"),
             f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}",
             "move centre_mm, lower polar_max_deg, or set posture_deg near the pole",
         )

@@ -10,14 +10,14 @@ Sciences 9 (2019), 3.2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis.geometry.ball_link import angle
-from analysis.kinematics.arm import Array
+from analysis.history.gear_waves import Fitted, fitted, waves_of
+from analysis.kinematics.arm import Array, Mask
 from analysis.measures.joint_reversals import turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
@@ -42,6 +42,10 @@ _ROWS = 3000
 """Rows of a lap that the model is computed for: four a node."""
 _INDEPENDENT = 72
 """Pieces of a lap that err independently: a jump is judged by a neighbourhood of some 5°."""
+_OUT_DEG = 0.01
+"""So little that the readings follow it in proportion."""
+_BELOW_ZERO = 3.0
+"""No play is below zero. What noise puts there is a play of zero; further off, it is something else than a play."""
 _WORST_U_DEG = 0.05
 """A play known no better than this is left out: its jumps are too small, or too close to those of another joint."""
 
@@ -92,26 +96,26 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
         left: Array = curves - (curves @ basis) @ basis.T
         return left
 
-    by_play = _by_play(found.laps, table, result.measured.rig, half_mm)
-    wider = rough(np.array([[by_play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
+    modelled = _Lap.of(found.laps, table, result.measured.rig, half_mm)
+    wider = rough(np.array([[modelled.play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
     jumps = _Jumps.through(wider)
     lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
     errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
-    sizes_deg = _fitted(lap, jumps)
-    left = lap - jumps.of(sizes_deg)
-    solve = np.linalg.pinv(jumps.slopes(sizes_deg))
-    of_fit = np.sqrt((solve**2).sum(axis=1) * float(left.var()) * len(PHI) / _INDEPENDENT)
-    u = np.hypot((errors @ solve.T).std(axis=0), of_fit)
+    slopes = np.stack([modelled.offset(axis) for axis in range(1, 7)], axis=1)
+    waves = waves_of(slopes, np.tile(modelled.q, (2, 1)))
+    waves -= basis @ (basis.T @ waves)
+    best = min((_with_waves(lap, jumps, waves, start) for start in _starts(lap, jumps)), key=lambda one: one.misfit)
+    u = np.hypot((errors @ best.solve.T).std(axis=0), best.u_deg)
     return {
-        f"play_j{axis}_deg": Quantity(float(sizes_deg[k]), float(u[k]), "deg", found.samples, found.curve.noise.source)
-        for k, axis in enumerate(axes)
-        if u[k] < _WORST_U_DEG
+        f"play_j{axis}_deg": Quantity(max(size, 0.0), float(u[k]), "deg", found.samples, found.curve.noise.source)
+        for k, (axis, size) in enumerate(zip(axes, best.sizes_deg.tolist(), strict=True))
+        if u[k] < _WORST_U_DEG and size > -_BELOW_ZERO * u[k]
     }
 
 
-def _fitted(lap: Array, jumps: _Jumps) -> Array:
-    """Sizes (axes,) in degrees that fit a lap (2 NODES,) mm: the best of two beginnings, from no play and from the
-    widths that explain most of it one after the other, since plays of joints that turn back together look alike."""
+def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
+    """Sizes (axes,) in degrees to begin with, of a lap (2 NODES,) mm: no play, and the widths that explain most of it
+    one after the other, since plays of joints that turn back together look alike."""
     none = np.zeros(len(jumps.curves))
     start, left = none.copy(), lap
     for _ in start:
@@ -121,40 +125,56 @@ def _fitted(lap: Array, jumps: _Jumps) -> Array:
             break
         start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
         left = lap - jumps.of(start)
-
-    from scipy.optimize import least_squares  # noqa: PLC0415
-
-    def gap(sizes: Array) -> Array:
-        return jumps.of(sizes) - lap
-
-    widest = float(_WIDTHS_DEG[-1])
-    found = [least_squares(gap, one, jumps.slopes, bounds=(-widest, widest), x_scale=0.01) for one in (none, start)]
-    sizes_deg: Array = min(found, key=lambda one: float(one.cost)).x
-    return sizes_deg
+    return none, start
 
 
-def _by_play(laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> Callable[[int, float], Array]:
-    """What a play of an axis, in degrees, makes of angle and distance (2 NODES,) mm along the first lap."""
-    lap = laps.first
-    # With the lead-in, since a play is where the joint came from; to the end of the first lap.
-    upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
-    rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
-    way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows])
-    inside = way.t_s >= lap.t_s[0]
-    phi = np.interp(way.t_s[inside], lap.t_s, lap.phi)
+def _with_waves(lap: Array, jumps: _Jumps, waves: Array, start: Array) -> Fitted:
+    """Plays and gear waves (2 NODES, k) mm of a lap (2 NODES,) mm, from plays of start (axes,) in degrees."""
+    alike = len(PHI) / _INDEPENDENT
+    return fitted(lap, jumps.of, jumps.slopes, waves, start, float(_WIDTHS_DEG[-1]), alike)
 
-    def nodes(effects: tuple[Effect, ...]) -> Array:
-        model = model_of(rig, effects)
-        g_mm = predict(model, way, path_of(model, way), nominal_setup(rig, way))[inside]
-        turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * half_mm) * half_mm
-        return np.concatenate([np.interp(PHI, phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
 
-    without = nodes(())
+@dataclass(frozen=True)
+class _Lap:
+    """The first lap, as the model has it. q (NODES, 6) rad: the joints at the nodes."""
 
-    def curve(axis: int, width_deg: float) -> Array:
-        return nodes((play_of_joint(axis, width_deg),)) - without
+    rig: Rig
+    way: CircleTable
+    inside: Mask
+    phi: Array
+    half_mm: float
+    q: Array
+    without: Array
 
-    return curve
+    @classmethod
+    def of(cls, laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> _Lap:
+        lap = laps.first
+        # With the lead-in, since a play is where the joint came from; to the end of the first lap.
+        upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
+        rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
+        way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows], u_t_s=None)
+        inside = way.t_s >= lap.t_s[0]
+        phi = np.interp(way.t_s[inside], lap.t_s, lap.phi)
+        q = np.stack([np.interp(PHI, phi, joint, period=2 * np.pi) for joint in way.q[inside].T], axis=1)
+        bare = cls(rig, way, inside, phi, half_mm, q, np.zeros(2 * len(PHI)))
+        return replace(bare, without=bare.nodes(()))
+
+    def nodes(self, effects: tuple[Effect, ...], out: Array | None = None) -> Array:
+        """Angle and distance (2 NODES,) mm of a robot with effects, its joints out by `out` (6,) rad."""
+        model = model_of(self.rig, effects)
+        way = self.way if out is None else replace(self.way, q=self.way.q + out)
+        g_mm = predict(model, way, path_of(model, way), nominal_setup(self.rig, self.way))[self.inside]
+        turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
+        return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
+
+    def play(self, axis: int, width_deg: float) -> Array:
+        """What a play of an axis, in degrees, makes of angle and distance (2 NODES,) mm."""
+        return self.nodes((play_of_joint(axis, width_deg),)) - self.without
+
+    def offset(self, axis: int) -> Array:
+        """What an axis that is out makes of angle and distance, (2 NODES,) mm for each degree."""
+        out = np.where(np.arange(1, 7) == axis, np.radians(_OUT_DEG), 0.0)
+        return (self.nodes((), out) - self.without) / _OUT_DEG
 
 
 def _smooth() -> Array:

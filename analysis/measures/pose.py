@@ -17,15 +17,18 @@ noise here: the standards' figures are what their formulas give.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.geometry.rigid import best_rigid
-from analysis.kinematics.arm import Arm, Array, forward
+from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.measures.checks import hold_numbers
 from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
+from analysis.measures.lost_poses import without_lost
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.scatter_figures import of_scatter
 from analysis.noise.cell import TARGET_MM, LogUniform
@@ -34,9 +37,14 @@ from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
 _FEWEST = 6
+_MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
+"""An arm by its nominal constants errs by some mm; one larger than this and than so many times its u is doubtful."""
 _BLIND = 1e-3
 """Share of the largest singular value (lengths and turns scaled alike) below which no direction is determined."""
 
@@ -53,7 +61,8 @@ class PoseSetUp:
 
 @dataclass(frozen=True)
 class PoseResult:
-    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,), from 0."""
+    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,), from 0;
+    rows (n,): of the table, those that were not left out."""
 
     setup: PoseSetUp
     position_mm: Array
@@ -62,6 +71,7 @@ class PoseResult:
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
+    rows: Integers
 
 
 def evaluate(
@@ -79,10 +89,13 @@ def evaluate(
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
     three visits on, rp_mm and rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the
-    rotations about the arm's x, y, z (a, b, c as in the standard). Raises FileError.
+    rotations about the arm's x, y, z (a, b, c as in the standard). Poses that were not measured are left out
+    (`analysis.measures.lost_poses`). Raises FileError.
     """
     _hold(table, where)
     bare = replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    kept = without_lost(table, partial(_errors, bare))
+    table = kept.table
     T = forward(bare, table.q)
     setup = fit_setup(T, table.xyz_mm)
     position = position_error(T, table.xyz_mm, setup)
@@ -110,7 +123,33 @@ def evaluate(
         figures |= _rotation_figures(rotation, np.radians(of_turn))
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
-    return PoseResult(setup, position, rotation, group, figures, len(T), _blind(setup) + tuple(notes))
+    if rotation is not None and not np.isfinite(figures["rms_deg"].u):
+        notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
+    notes = [*kept.notes, *_misfit(figures["rms_mm"]), *_blind(setup), *notes]
+    return PoseResult(setup, position, rotation, group, figures, len(T), tuple(notes), kept.rows)
+
+
+def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
+    """Errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to another's."""
+    setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
+    T = forward(bare, table.q)
+    position = position_error(T, table.xyz_mm, setup)
+    if table.rpy is None or of_fit.rpy is None:
+        return position, None
+    tool, _ = _orientation(forward(bare, of_fit.q), of_fit.rpy, setup)
+    seen = _turns_seen(table.rpy, setup)
+    return position, _turns_left(T, seen, tool.T_flange_tool[:3, :3])
+
+
+def _misfit(rms: Quantity) -> list[str]:
+    """A doubt where the arm misses the poses by far more than any arm does by its nominal constants."""
+    if rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u:
+        return []
+    return [
+        f"the arm of the rig file misses these poses by {rms.value:.3g} mm (rms), {rms.value / rms.u:.0f} times its u: "
+        "no noise does this, and u does not cover it; check order, signs and zeros of the joints, whether axes 2 and 3 "
+        "are coupled (FANUC), and the arm"
+    ]
 
 
 def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
@@ -259,12 +298,25 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
     """The set-up with the tool's orientation, and the rotation vectors (n, 3) rad that are left, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
-    flange = Rotation.from_matrix(T[:, :3, :3])
-    tool = (flange.inv() * seen).mean()
-    left: Array = (seen * (flange * tool).inv()).as_rotvec()
-    whole = _frame(tool.as_matrix(), setup.T_flange_tool[:3, 3])
-    return replace(setup, T_flange_tool=whole), left
+    seen = _turns_seen(rpy, setup)
+    R_tool = (Rotation.from_matrix(T[:, :3, :3]).inv() * seen).mean().as_matrix()
+    whole = _frame(R_tool, setup.T_flange_tool[:3, 3])
+    return replace(setup, T_flange_tool=whole), _turns_left(T, seen, R_tool)
+
+
+def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
+    """Rotations (n,) that were measured as rpy (n, 3) rad, in the arm's base."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    return Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
+
+
+def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
+    """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool turned by R_tool (3, 3) to what was seen."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    left: Array = (seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec()
+    return left
 
 
 def _frame(R: Array, origin: Array) -> Array:

@@ -41,7 +41,10 @@ class Quantity:
     noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
-        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; to fewer where no reader uses them."""
+        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; to fewer where no reader uses them, and
+        without one that is not known."""
+        if not np.isfinite(self.u):
+            return f"{self.rounded(self.value)} {self.sign}".rstrip()
         return f"{self.rounded(self.value)} ± {self.rounded_u} {self.sign}".rstrip()
 
     @property

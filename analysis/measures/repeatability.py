@@ -18,8 +18,10 @@ from analysis.measures.checks import hold_alive, hold_numbers, listed
 from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.noise.cell import TARGET_MM
 from analysis.noise.resolution import step_of_stops
 from analysis.noise.target_scatter import scatter_of
+from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
 
@@ -49,7 +51,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    notes += _few(x) + assumed(scatter) + coarse(scatter)
+    notes += _wild(targets, x) + _few(x) + assumed(scatter) + coarse(scatter)
     return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)
 
 
@@ -100,6 +102,25 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     without = int((table.approach == "none").sum())
     notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)
+
+
+def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
+    """Name the reading of x (targets, 2, n) mm that is furthest from its like, where no robot scatters so; it stays in
+    the figures, since the standards leave none out."""
+    away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
+    known = np.isfinite(away)
+    spreads = np.zeros(x.shape)
+    spreads[known] = spreads_of(away[known], TARGET_MM.high)
+    wild = int((spreads > SPREADS).sum())
+    if not wild:
+        return ()
+    row, side, _ = np.unravel_index(int(np.argmax(spreads)), x.shape)
+    most = f"up to {np.nanmax(away):.3g} mm from the others of its target and side"
+    are = "1 reading is" if wild == 1 else f"{wild} readings are"
+    return (
+        f"{are} {most} (target {targets[row]}, {SIDES[side]}), and in the figures: check that the plunger touched and "
+        "that the robot stood",
+    )
 
 
 def _few(x: Array) -> tuple[str, ...]:

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
+from analysis.noise.wild import MOST, SPREADS
 
 PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
 """The unknowns of a sphere, in the order of the columns of its design."""
 _GROSS_MM = 2.0
 """More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
-_SPREADS = 10.0
-_MOST = 0.1
 _FEWEST = 6
 _WEAK = 0.01
 """Directions of the parameters whose singular value is below this share of the largest are not determined."""
@@ -61,10 +60,10 @@ def conditioned(points: Array) -> bool:
 def far_off(points: Array) -> NDArray[np.bool_]:
     """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
     distance = _off_robust(points)
-    gross = max(_GROSS_MM, _SPREADS * _spread(distance[np.isfinite(distance)]))
+    gross = max(_GROSS_MM, SPREADS * _spread(distance[np.isfinite(distance)]))
     far = np.any(np.abs(distance) > gross, axis=1)
     means = np.nanmean(points[~far], axis=1)
-    if far.sum() > max(1, _MOST * len(far)) or len(means) < _FEWEST or not conditioned(means):
+    if far.sum() > max(1, MOST * len(far)) or len(means) < _FEWEST or not conditioned(means):
         return np.zeros(len(points), dtype=bool)
     return np.asarray(far)
 

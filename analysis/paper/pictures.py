@@ -8,7 +8,9 @@ the paper names: eccentricity alone (4), datum errors and plays (8), gear errors
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,7 +23,6 @@ from analysis.paper.rows import DIRECTIONS, Row
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.reporting.plots import label_axes, mark_reversals
 from analysis.reporting.sheet import Sheet
-from rigs.errors import FileError
 from rigs.rig import Rig
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
@@ -33,19 +34,18 @@ _MAGNIFIED = 100
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
     """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
     be written."""
+    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+
     simulated = figures_of(rig, rig_text)
-    written_to = []
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for number, (name, title, draw, height_inch) in _FIGURES.items():
-            figure = _sheet(f"Figure {number} · {title} · {rig.name}", _beside(rows, number), height_inch)
-            draw(figure.subfigs[0], simulated)
-            path = directory / f"figure-{number:02d}-{name}.png"
-            figure.savefig(path, dpi=150)
-            written_to.append(path)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
-    return written_to
+
+    def save_figure(number: int, file: BinaryIO) -> None:
+        _, title, draw, height_inch = _FIGURES[number]
+        figure = _sheet(f"Figure {number} · {title} · {rig.name}", _beside(rows, number), height_inch)
+        draw(figure.subfigs[0], simulated)
+        figure.savefig(file, format="png", dpi=150)
+
+    names = {number: f"figure-{number:02d}-{name}.png" for number, (name, *_) in _FIGURES.items()}
+    return write_all_over(directory, {name: partial(save_figure, number) for number, name in names.items()})
 
 
 def _beside(rows: Sequence[Row], number: int) -> list[Row]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +19,6 @@ from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
 from analysis.reporting.wide_tables import whole
-from rigs.errors import FileError
 
 
 def as_tables(found: Compared) -> RenderableType:
@@ -50,17 +51,15 @@ def _setups(fitted: Fit) -> list[Text]:
 
 def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:
     """Measured over simulated and their difference, a picture for each run. Raises FileError."""
-    written = []
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        named = distinctly_named([one.result for one in comparisons])
-        for (name, _), one in zip(named, comparisons, strict=True):
-            path = directory / f"{name}-compared.png"
-            _figure(one).savefig(path, dpi=150)
-            written.append(path)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
-    return written
+    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+
+    named = distinctly_named([one.result for one in comparisons])
+    pictures = zip(named, comparisons, strict=True)
+    return write_all_over(directory, {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures})
+
+
+def _save(one: Comparison, file: BinaryIO) -> None:
+    _figure(one).savefig(file, format="png", dpi=150)
 
 
 def _figure(one: Comparison) -> Figure:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
-from analysis.reporting.extended_rig import beside, with_origin, write_extended
+from analysis.reporting.extended_rig import beside, extended_files, with_origin
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
+
+if TYPE_CHECKING:
+    from analysis.files.write import Writer
 
 
 def hold_empty(directory: Path) -> None:
@@ -29,23 +33,28 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     text: of the rig file begun with. It is written with the faults added, of rivals the likeliest, and with the
     calibrated model beside it, unless the runs can show nothing. Raises FileError.
     """
+    from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
-    answer, sheet = directory / "diagnosis.json", directory / "diagnosis.png"
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        answer.write_text(json.dumps(found.to_dict(), indent=2) + "\n", encoding="utf-8")
-        picture(found).savefig(sheet, dpi=130)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
-    if found.condition == "not_testable_here":
-        return [answer, sheet]
-    return [answer, sheet, *write_model(found, text, directory / f"{found.rig.name}.yaml")]
+    files = {
+        "diagnosis.json": holding((json.dumps(found.to_dict(), indent=2) + "\n").encode()),
+        "diagnosis.png": lambda file: picture(found).savefig(file, format="png", dpi=130),
+    }
+    if found.condition != "not_testable_here":
+        files |= _model(found, text, directory / f"{found.rig.name}.yaml")
+    return write_all_new(directory, files)
 
 
 def write_model(found: Diagnosis, text: str, output: Path) -> list[Path]:
     """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
     beside it; their paths, the rig file's last. Raises FileError where one exists."""
+    from analysis.files.write import write_all_new  # noqa: PLC0415 - slow to import
+
+    return write_all_new(output.parent, _model(found, text, output))
+
+
+def _model(found: Diagnosis, text: str, output: Path) -> dict[str, Writer]:
+    """The files of the calibrated model by name, the rig file's last."""
     effects = [
         beside(
             with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
@@ -55,4 +64,4 @@ def write_model(found: Diagnosis, text: str, output: Path) -> list[Path]:
         )
         for one in found.standing
     ]
-    return write_extended(text, effects, output, found.calibrated)
+    return extended_files(text, effects, output, found.calibrated)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from analysis.files.write import make_parent
+from analysis.files.write import Writer, holding
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
@@ -40,32 +40,27 @@ def beside(effect: Effect, **more: object) -> Effect:
     return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=more)})
 
 
-def write_extended(
-    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
-) -> list[Path]:
-    """A rig file's text with effects added, as a new file, and before it its calibrated model, as NAME.calibration.json
-    beside it. Returns the paths, the rig file's last. Raises FileError where one exists or cannot be written,
-    RigFileError where an effect is beyond its bounds."""
-    named, content, beside_it = None, b"", _beside(output)
+def extended_files(
+    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None
+) -> dict[str, Writer]:
+    """The files of a rig file's text with effects added by name, and before it that of its calibrated model, as
+    NAME.calibration.json. Raises RigFileError where an effect is beyond its bounds."""
+    files, named = {}, None
     if calibrated:
-        content = calibrated.model_dump_json(indent=1, exclude_defaults=False).encode()
-        named = calibration_file(beside_it.name, content)
-    grown = extended(text, effects, str(output), named)
-    make_parent(output)
-    if named:
-        _write_new(beside_it, content)
-    _write_new(output, grown.encode())
-    return [*([beside_it] if named else []), output]
+        path, content = calibration_path(output), calibrated.model_dump_json(indent=1).encode()
+        named, files[path.name] = calibration_file(path.name, content), holding(content)
+    return files | {output.name: holding(extended(text, effects, str(output), named).encode())}
 
 
 def hold_new(output: Path) -> None:
     """Raise FileError where a rig file or its calibration exists already, before anything is computed."""
-    for path in (output, _beside(output)):
+    for path in (output, calibration_path(output)):
         if path.exists():
             raise FileError(str(path), "exists already", "give another --output, or remove it first")
 
 
-def _beside(output: Path) -> Path:
+def calibration_path(output: Path) -> Path:
+    """The calibration that lies beside a rig file."""
     return output.with_name(f"{output.stem}.calibration.json")
 
 
@@ -76,13 +71,3 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
     except ValidationError:
         what = "is no name that a rig file can give to its calibration"
         raise FileError(name, what, "use letters, digits, -, _ and . in the name of --output") from None
-
-
-def _write_new(path: Path, content: bytes) -> None:
-    try:
-        with path.open("xb") as file:
-            file.write(content)
-    except FileExistsError:
-        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another --output") from None

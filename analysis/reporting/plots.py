@@ -3,8 +3,10 @@ error), 13 and 14 (radial), 15 (repeatability); and the poses of a tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +18,9 @@ from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import JointReversal, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result, by_test
 from analysis.reporting.sheet import Sheet
-from rigs.errors import FileError
+
+if TYPE_CHECKING:
+    from analysis.files.write import Writer
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
@@ -26,26 +30,24 @@ _LEAST_BINS = 20
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     """Write the pictures of all runs, test by test; returns their paths. Raises FileError where nothing can be
     written."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        return [path for group in by_test(results) for path in save_pictures(group, directory)]
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
+    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+
+    return write_all_over(directory, {name: one for group in by_test(results) for name, one in _pictures(group)})
 
 
-def save_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    """Write the pictures of runs of one test on one rig, named by both; returns their paths."""
+def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:
+    """Yield the pictures of runs of one test on one rig, named by both."""
     stem = f"{results[0].measured.rig.name}-{results[0].test}"
-    figures = (
-        {f"{stem}-raw.png": raw_figure(results), f"{stem}-error.png": error_figure(results)}
-        if (isinstance(results[0].found, CircleResult))
-        else {f"{stem}-{name}.png": _other_figure(result) for name, result in distinctly_named(results)}
-    )
-    written = []
-    for name, figure in figures.items():
-        figure.savefig(directory / name, dpi=150)
-        written.append(directory / name)
-    return written
+    if isinstance(results[0].found, CircleResult):
+        yield f"{stem}-raw.png", lambda file: raw_figure(results).savefig(file, format="png", dpi=150)
+        yield f"{stem}-error.png", lambda file: error_figure(results).savefig(file, format="png", dpi=150)
+        return
+    for name, result in distinctly_named(results):
+        yield f"{stem}-{name}.png", partial(_save_other, result)
+
+
+def _save_other(result: Result, file: BinaryIO) -> None:
+    _other_figure(result).savefig(file, format="png", dpi=150)
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:

@@ -41,7 +41,7 @@ from analysis.robot_programs.plan import (
     in_base,
 )
 from analysis.robot_programs.ways import straight
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.part import Vector
@@ -156,7 +156,7 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
 
 def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
     """A line, and where the arm then stands. Raises FileError where it cannot follow, or a joint is too slow."""
-    arm, where = arm_of(rig.robot), f"{rig.name}, tests.repeatability"
+    arm, where = arm_of(rig.robot), RigPlace.of(rig.name, "tests.repeatability")
     way = straight(begin.T, end.T, _APPROACH_MM_S)
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
     if (way.joint_speeds(q) > arm.speed).any():
@@ -227,7 +227,7 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
             return SignalPlace(int_register=register)
     if number < 0 or number >= 1 << len(outputs):
         raise FileError(
-            f"{rig.name}, automatic",
+            RigPlace.of(rig.name, "automatic"),
             f"signal {number} does not fit into {len(outputs)} outputs",
             "give --outputs with the digital outputs that the feedback reads, the least first",
         )

@@ -6,7 +6,7 @@ and counted, where either has a gap there: a straight line across missing data i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, r
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
@@ -40,6 +40,8 @@ _TOGETHER = {
 _STALLED_S = 1e-3
 """… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
+Streams = Mapping[str, Columns]
+"""The columns of each stream by its name."""
 WANDERS_S = 1e-3
 """Deviations from the pace up to this size are not reported: the uncertainty of the figures includes them."""
 
@@ -73,14 +75,19 @@ class _Track:
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
-    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest.
+    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest."""
+    return align_streams(path, run.streams, run.manifest.test, rig)
+
+
+def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
+    """One table of the streams of a test; path: names them in errors. Raises FileError as `align` does.
 
     At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
     """
     doubts: list[str] = []
-    names = [name for name, _ in rig.gauges] if run.manifest.test in CIRCLES else ["g1"]
-    gauges = [_gauge(path, run, rig, name, doubts) for name in names]
-    robot = _robot(path, run, doubts)
+    names = [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
+    gauges = [_gauge(path, streams, test, rig, name, doubts) for name in names]
+    robot = _robot(path, streams, doubts)
     for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
         if len(track.ns) < 2:
             raise FileError(
@@ -112,7 +119,7 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     """Times (n,) s since the first and reported angles (n, 6) rad of a recorded run whose gauges need not have read,
     and doubts in words. Raises FileError where the robot was not recorded."""
     doubts: list[str] = []
-    track = _robot(path, run, doubts)
+    track = _robot(path, run.streams, doubts)
     if len(track.ns) < 2:
         what = "holds fewer than two readings of robot at known times"
         raise FileError(str(path), what, "record again, and check the rates with rig status")
@@ -142,16 +149,16 @@ def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
     return own_u_s
 
 
-def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
+def _gauge(path: Path, streams: Streams, test: TestName, rig: Rig, name: str, doubts: list[str]) -> _Track:
     """Readings (n, 1) mm of one gauge."""
-    stream = _own_rows(_stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
+    stream = _own_rows(_stream(path, streams, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
     instants = gauge_instants(stream, dict(rig.gauges)[name])
     doubts.extend(timing_doubts(name, instants))
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings are marked doubtful by the gauge itself")
     values = stream[f"{name}_mm"][:, None]
     sound = is_reading(values, LONGEST_MM)
-    if run.manifest.test in CIRCLES and rig.tests.circle:
+    if test in CIRCLES and rig.tests.circle:
         # With the ball inside the circle no link is ever longer than twice its radius.
         sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
     return _track(name, instants, values, sound, doubts)
@@ -166,10 +173,10 @@ def _own_rows(stream: Columns, rig: Rig, name: str) -> Columns:
     return {key: values[own] for key, values in stream.items() if not key.endswith("_mm") or key == column}
 
 
-def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
+def _robot(path: Path, streams: Streams, doubts: list[str]) -> _Track:
     """Joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
-    stream = _stream(path, run, columns, "the robot", LARGEST_DEG)
+    stream = _stream(path, streams, columns, "the robot", LARGEST_DEG)
     instants = robot_instants(stream)
     doubts.extend(timing_doubts("robot", instants))
     q_deg = np.stack([stream[column] for column in columns], axis=1)
@@ -222,8 +229,8 @@ def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: li
     return _Track(ns, values, instants.u_s, own_u_s)
 
 
-def _stream(path: Path, run: Run, columns: Sequence[str], what: str, largest: float) -> Columns:
-    for stream in run.streams.values():
+def _stream(path: Path, streams: Streams, columns: Sequence[str], what: str, largest: float) -> Columns:
+    for stream in streams.values():
         if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
             require_sound(path, what, stream)
             return stream

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import JOINTS, LAYOUTS, PLACE, TURN
+from analysis.traces.table_rules import hold_table
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from daq.store.arrays import array_of
 from rigs.errors import FileError
@@ -18,8 +19,14 @@ from rigs.schema.vocabulary import Direction, TestName
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
     """A table in memory of the columns of docs/tables.md; extra columns are left out.
 
-    Raises FileError where the columns are not those of the test, or hold no rows.
+    Raises FileError where the columns are not those of the test, hold no rows, or hold what no import lets through.
     """
+    table = _table_from(columns, test, direction, where)
+    hold_table(table, where)
+    return table
+
+
+def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
     missing = [name for name in LAYOUTS[test].required if name not in columns.column_names]
     if missing or not columns.num_rows:
         what = f"its table has no {', '.join(missing) or 'rows'}"
@@ -29,7 +36,8 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
         if direction is None:
             raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
         g_mm = _stack(columns, ("g1_mm", "g2_mm"))
-        return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm)
+        u_t_s = _floats(columns, "u_t_s") if "u_t_s" in columns.column_names else None
+        return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm, u_t_s)
     if test == "pose":
         turned = set(TURN) <= set(columns.column_names)
         return PoseTable(q, _stack(columns, PLACE), np.radians(_stack(columns, TURN)) if turned else None)
@@ -41,6 +49,13 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     approach = np.array(columns["approach"].to_pylist(), dtype=np.str_)
     target, rounds = array_of(columns["target"]), array_of(columns["round"])
     return RepeatabilityTable(target, approach, rounds, t_s, q, _floats(columns, "g1_mm"))
+
+
+def u_lag_s_of(columns: pa.Table) -> float:
+    """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
+    states none."""
+    known = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
+    return float(_floats(columns, "u_lag_s").max(initial=0.0)) if known else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:

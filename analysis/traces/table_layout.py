@@ -15,6 +15,8 @@ PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
 """Columns of words, and the words they know."""
+TIME_U = ("u_t_s", "u_lag_s")
+"""Standard uncertainties of the gauges' time against the joints': of each row by itself, and shared by all rows."""
 COUNTS = ("target", "orientation", "round")
 """Columns of positive integers. Every other known column holds numbers."""
 
@@ -32,7 +34,7 @@ class Layout:
         return (*self.required, *self.optional)
 
 
-_CIRCLE = Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg",))
+_CIRCLE = Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
 LAYOUTS: dict[TestName, Layout] = {
     "yaw": _CIRCLE,
     "roll": _CIRCLE,

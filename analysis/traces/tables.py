@@ -68,12 +68,19 @@ class RepeatabilityTable:
 class PoseTable:
     """Poses of the tool as a tracker saw them, in the tracker's frame.
 
-    q (n, 6) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured.
+    q (n, 6) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
+    row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n.
     """
 
     q: Array
     xyz_mm: Array
     rpy: Array | None
+    row: Integers | None = None
+
+    @property
+    def rows(self) -> Integers:
+        """The row of the file (n,) that each pose is."""
+        return np.arange(1, len(self.q) + 1) if self.row is None else self.row
 
 
 Table = CircleTable | RadialTable | RepeatabilityTable | PoseTable

@@ -196,7 +196,7 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
         if temporary.read_bytes() != data:
             raise OSError(errno.EIO, "reads back differently from what was written")
         rename(temporary, path)
-    except OSError:
+    except BaseException:
         with suppress(OSError):
             remove(temporary)  # on a full disk every byte counts
         raise

@@ -18,6 +18,7 @@ from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manif
 from daq.store.records import ImportedTable, Relabelling, Seal, chunk_name, iso_now
 from daq.store.run import Run
 from daq.store.schema import FAULTS, TABLE
+from daq.store.staged import new_directory
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -62,29 +63,24 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
 def write_table_run(run: Run, path: Path) -> Manifest:
     """Make the run directory `path` of a run of a table, which is called as the directory from now on.
 
-    Raises FileError where path exists, CellError when the disk refuses; then nothing is left of it.
+    Raises FileError where path exists, CellError when the disk refuses; then, and after Ctrl-C, nothing is left of it.
     """
     try:
-        durable.make_directories(path.parent)
-        durable.make_directory(path)
+        with new_directory(path) as made:
+            _fill(run, made, _name(path))
     except FileExistsError:
         raise FileError(str(path), "exists already", "give the run a directory of its own") from None
-    except OSError as error:
-        raise _refused(path, error) from error
-    try:
-        return _fill(run, path)
     except (OSError, pa.ArrowException) as error:
-        durable.discard(path)
         raise _refused(path, error) from error
+    return load_manifest(path)
 
 
-def _fill(run: Run, path: Path) -> Manifest:
-    manifest = run.manifest.model_copy(update={"version": 2, "name": _name(path)})
+def _fill(run: Run, path: Path, name: str) -> None:
+    manifest = run.manifest.model_copy(update={"version": 2, "name": name})
     held = durable.lock(path)
     try:
         manifest.save(path)
         ledger = Ledger.create(path, manifest.opening())
-        durable.sync_directory(path.parent)
         data = _parquet(manifest, run.table)
         durable.replace(path / chunk_name(TABLE, 1), data)
         for entry in _entries(run.table, data, run.manifest.relabelled):
@@ -92,7 +88,6 @@ def _fill(run: Run, path: Path) -> Manifest:
         ledger.close()
     finally:
         durable.close(held)
-    return load_manifest(path)
 
 
 def _parquet(opening: Manifest, table: pa.Table) -> bytes:

@@ -61,14 +61,22 @@ except metadata.PackageNotFoundError:
     _RIG_VERSION = "not installed"
 
 
+class _OperatorError(ValueError):
+    """A name that no run can hold: what is wrong with it, and what to do."""
+
+    def __init__(self, what: str, remedy: str) -> None:
+        super().__init__(f"{what}; {remedy}")
+        self.what, self.remedy = what, remedy
+
+
 def operator_name(text: str) -> str:
     """Return a name as a run may hold it and a line can show it. Raises ValueError if it contains control characters
     or is too long."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
-        raise ValueError(f"a name of {len(text)} characters; write at most {_LONGEST_OPERATOR}")
+        raise _OperatorError(f"a name of {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
     if not text.isprintable():
-        raise ValueError(f"{text!r} holds control characters; write it in one line")
+        raise _OperatorError(f"{text!r} holds control characters", "write it in one line")
     return text
 
 
@@ -77,9 +85,8 @@ def hold_operator(name: str) -> str:
     long."""
     try:
         return operator_name(name)
-    except ValueError as error:
-        what, _, remedy = str(error).partition("; ")
-        raise UseError("--operator", what, remedy) from None
+    except _OperatorError as error:
+        raise UseError("--operator", error.what, error.remedy) from None
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]

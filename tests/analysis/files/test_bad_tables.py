@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from analysis.files.mcap_messages import MAGIC
 from analysis.files.read import MOST_BYTES, parse_csv, read_file
-from analysis.files.ros_bag import MAGIC
 from analysis.files.table_problems import TableFileError
 from analysis.files.units import check_units
 from analysis.traces.csv_tables import table_from

@@ -11,70 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from analysis.files import ros_bag
-from analysis.files.ros_bag import MAGIC, table_of_bag
+from analysis.files import mcap_messages
+from analysis.files.mcap_messages import MAGIC
+from analysis.files.ros_bag import table_of_bag
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
-
-JOINTS = [f"joint_{axis}" for axis in range(1, 7)]
-MS = 1_000_000
-BEGIN_NS = 1_700_000_000_000_000_000
-STATE, NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
-
-
-def rig(**feedback: object) -> Rig:
-    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
-    ros = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
-    return parse(yaml.safe_dump(data | {"feedback": ros | feedback}), "rig.yaml")
-
-
-def joint_state(names: Sequence[str], angles_rad: Sequence[float], order: str = "<") -> bytes:
-    """CDR by hand: encapsulation, stamp, frame, names, positions, two empty sequences."""
-    body = b""
-
-    def put(code: str, *values: Any) -> None:
-        nonlocal body
-        body += bytes(-len(body) % struct.calcsize(code)) + struct.pack(f"{order}{len(values)}{code}", *values)
-
-    def text(words: str) -> None:
-        nonlocal body
-        put("I", len(words) + 1)
-        body += words.encode() + b"\0"
-
-    put("I", 5, 7)
-    text("base")
-    put("I", len(names))
-    for name in names:
-        text(name)
-    put("I", len(angles_rad))
-    if angles_rad:
-        put("d", *angles_rad)
-    put("I", 0, 0)
-    return bytes([0, order == "<", 0, 0]) + body
-
-
-def number(mm: float) -> bytes:
-    return b"\0\1\0\0" + struct.pack("<d", mm)
-
-
-def bag(*messages: tuple[str, str, int, bytes], compression: CompressionType = CompressionType.ZSTD) -> bytes:
-    """An MCAP of topic, type, ms and data."""
-    out = io.BytesIO()
-    writer = Writer(out, compression=compression)
-    writer.start(profile="ros2")
-    channels: dict[str, int] = {}
-    for topic, kind, ms, data in messages:
-        if topic not in channels:
-            channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
-        writer.add_message(channels[topic], BEGIN_NS + ms * MS, data, BEGIN_NS + ms * MS)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return out.getvalue()
+from tests.support.bags import BEGIN_NS, JOINTS, MS, NUMBER, STATE, bag, joint_state, number, rig
 
 
 def states(times_ms: Sequence[int]) -> list[tuple[str, str, int, bytes]]:
@@ -101,7 +48,7 @@ WHOLE = [*states(range(0, 1000, 10)), *gauges("g1", range(15, 900, 20), 0.1), *g
 
 def test_rows_are_gauge_ones_and_the_rest_is_interpolated() -> None:
     names, rows, doubts = read(bag(*WHOLE))
-    assert names == ["t_s", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm"]
+    assert names == ["t_s", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm", "u_t_s", "u_lag_s"]
     ms = np.arange(15, 900, 20)
     assert rows[:, 0] == pytest.approx((ms - 15) / 1000)
     for axis in range(1, 7):
@@ -114,7 +61,7 @@ def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted() -> None:
     gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
     _, rows, doubts = read(bag(*gone))
     assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
-    assert "10 of 45 rows" in doubts[0]
+    assert "robot: 10 rows are left out at gaps" in doubts[0]
 
 
 def test_both_byte_orders_are_read() -> None:
@@ -181,7 +128,7 @@ def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
     compression: CompressionType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A chunk may also state less than its frame unpacks to."""
-    monkeypatch.setattr(ros_bag, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
+    monkeypatch.setattr(mcap_messages, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
     data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)
     lying = data.replace(struct.pack("<Q", _largest_chunk(data)), struct.pack("<Q", 10), 1)
     assert len(data) < 200_000 and lying != data

@@ -1,0 +1,166 @@
+"""Every command that writes, interrupted at every write: what has its name is whole, and nothing else is left."""
+
+from __future__ import annotations
+
+import ast
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from analysis import save_run, simulate
+from analysis.reporting import diagnosis_report
+from analysis.reporting.extended_rig import write_extended
+from analysis.reporting.html_page import write_html
+from daq.store import read_run
+from rigs.effects import play_of_joint
+from rigs.load import SHIPPED
+from tests.support.command_line import ran
+from tests.support.handmade_diagnosis import diagnosis
+
+ANALYSIS = Path(__file__).parents[3] / "analysis"
+_CHANGES = {"os.mkdir", "os.rename", "os.link", "os.remove", "os.rmdir"}
+
+
+class _Interrupt:
+    """An audit hook, of which a process is never rid: it counts what changes files below a directory."""
+
+    def __init__(self) -> None:
+        self.below, self.at, self.count = "", 0, 0
+
+    def __call__(self, event: str, arguments: tuple[object, ...]) -> None:
+        if not self.below or (event not in _CHANGES and event != "open"):
+            return
+        if event == "open":
+            flags = arguments[2]
+            if not (isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)):
+                return
+        if str(arguments[0]).startswith(self.below):
+            self.count += 1
+            if self.count == self.at:
+                raise KeyboardInterrupt
+
+
+_HOOK = _Interrupt()
+sys.addaudithook(_HOOK)
+
+
+@contextmanager
+def interrupted_at(number: int, below: Path) -> Iterator[_Interrupt]:
+    """Ctrl-C at the change of this number, from 1, of a file below a directory; 0 for none."""
+    _HOOK.below, _HOOK.at, _HOOK.count = str(below), number, 0
+    try:
+        yield _HOOK
+    finally:
+        _HOOK.below = ""
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs, and a table."""
+    directory = tmp_path_factory.mktemp("given")
+    for direction in ("acw", "cw"):
+        save_run(simulate("ur10e", "yaw", direction, seed=1, effects="ur10e"), directory / direction)
+    assert ran("export", directory / "acw", "--to", "csv", "-o", directory / "lap.csv").returncode == 0
+    return directory
+
+
+Write = Callable[[Path, Path], object]
+RIG = SHIPPED / "ur10e.yaml"
+_IMPORT = ("--rig", RIG, "--test", "yaw")
+_EFFECTS = [play_of_joint(1, 0.02)]
+_DIAGNOSED = diagnosis()
+CASES: dict[str, Write] = {
+    "import": lambda given, out: ran("import", given / "lap.csv", *_IMPORT, "-o", out / "run"),
+    "simulate": lambda _, out: ran("simulate", RIG, "--test", "radial", "--runs", "2", "-o", out),
+    "simulate --csv": lambda _, out: ran("simulate", RIG, "--test", "radial", "--csv", "-o", out),
+    "export": lambda given, out: ran("export", given / "acw", given / "cw", "--to", "parquet", "-o", out),
+    "export mcap": lambda given, out: ran("export", given / "acw", "--to", "mcap", "-o", out / "lap.mcap"),
+    "program": lambda _, out: ran("program", RIG, "--for", "ur", "--test", "yaw", "--targets", "-o", out / "programs"),
+    "analyse --plot": lambda given, out: ran("analyse", given / "acw", "--plot", out / "pictures"),
+    "diagnose -o": lambda _, out: diagnosis_report.write(_DIAGNOSED, RIG.read_text(), out / "found"),
+    "calibrate -o": lambda _, out: write_extended(RIG.read_text(), _EFFECTS, out / "cell.yaml"),
+    "report": lambda _, out: write_html("<p>a page</p>", out / "page.html"),
+    "example": lambda _, out: ran("example", out / "example"),
+}
+
+
+def _files(directory: Path) -> dict[str, int]:
+    """Sizes of the files below a directory by their paths in it; a lock is left by whoever looks."""
+    found = (path for path in directory.rglob("*") if path.is_file() and path.name != ".lock")
+    return {str(path.relative_to(directory)): path.stat().st_size for path in found}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_interrupted_is_whole_or_not_there(name: str, given: Path, tmp_path: Path) -> None:
+    write = CASES[name]
+    with interrupted_at(0, tmp_path) as hook:
+        write(given, tmp_path / "whole")
+    changes, whole = hook.count, _files(tmp_path / "whole")
+    assert whole and changes > 1
+    for number in range(1, changes + 1):
+        out = tmp_path / f"out-{number}"
+        with interrupted_at(number, tmp_path), suppress(KeyboardInterrupt):
+            write(given, out)
+        left = _files(out)
+        assert not list(out.rglob("*.tmp")), f"{name}: change {number} leaves a hidden directory or file"
+        for unit in {path.partition("/")[0] for path in whole}:
+            here, there = ({path for path in one if path.partition("/")[0] == unit} for one in (left, whole))
+            assert here in (set(), there), f"{name}: change {number} leaves a half {unit}"
+        for run in {(out / path).parent for path in left if path.endswith("manifest.json")}:
+            assert read_run(run).manifest.exit_status == "complete"
+        assert all(left[path] > 0 for path in left)
+
+
+def test_a_directory_that_is_there_has_all_new_files_or_none(tmp_path: Path) -> None:
+    def write(out: Path) -> None:
+        diagnosis_report.write(_DIAGNOSED, RIG.read_text(), out)
+
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    with interrupted_at(0, tmp_path) as hook:
+        write(whole)
+    for number in range(1, hook.count + 1):
+        out = tmp_path / f"out-{number}"
+        out.mkdir()
+        (out / "mine.txt").write_text("mine")
+        with interrupted_at(number, tmp_path), pytest.raises(KeyboardInterrupt):
+            write(out)
+        left = {path.name for path in out.iterdir()}
+        assert left in ({"mine.txt"}, {"mine.txt", *_files(whole)}), number
+
+
+_WRITERS = {"write_text", "write_bytes", "savefig", "mkdir", "touch"}
+_KNOWN = {
+    "batch/fetched.py": "copies in a temporary directory",
+    "cli/emulate.py": "the directory of a cell, whose files durable.replace writes",
+    "cli/replay.py": "the same",
+    "cli/export.py": "the directory of many exports, whose files write_new writes",
+    "cli/simulate.py": "the directory of many tables, whose files write_new writes",
+    "files/write.py": "the one place where files are made",
+    "fleet/catalogue.py": "a database, which has its own journal",
+    "fleet/table.py": "the parent of a file that is renamed at its end",
+    "history/page.py": "a picture in memory",
+    "reporting/comparison_report.py": "writers for write_all_over",
+    "reporting/diagnosis_report.py": "the same",
+    "reporting/plots.py": "the same",
+    "paper/pictures.py": "the same",
+    "reporting/html_page.py": "the parent of a file that durable.replace writes",
+    "reporting/page/still_chart.py": "a picture in memory",
+}
+
+
+def test_no_module_writes_in_another_way() -> None:
+    writing = set()
+    for path in ANALYSIS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+                continue
+            words = {one.value for one in node.args if isinstance(one, ast.Constant) and isinstance(one.value, str)}
+            opens = node.func.attr == "open" and any(one[:1] in "wxa" for one in words if len(one) < 4)
+            if node.func.attr in _WRITERS or opens:
+                writing.add(str(path.relative_to(ANALYSIS)))
+    assert writing == set(_KNOWN)

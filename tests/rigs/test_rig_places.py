@@ -1,0 +1,36 @@
+"""Errors about a rig name its file by what they are of, whatever their words."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from daq.store.manifest import hold_operator
+from rigs.errors import FileError, RigPlace, UseError
+from rigs.load import load, named_by
+
+RIG = load("ur10e")[0]
+
+
+@pytest.mark.parametrize(("part", "named"), [("", "cell.yaml"), ("tests.circle", "cell.yaml, tests.circle")])
+def test_a_place_of_the_rig_is_named_by_its_file(part: str, named: str) -> None:
+    error = FileError(RigPlace.of(RIG.name, part), "is wrong", "correct it")
+    for one in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - our own
+        with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
+            raise one
+        assert found.value.where == named and found.value.what == "is wrong"
+
+
+@pytest.mark.parametrize("where", [RIG.name, f"{RIG.name}, tests.circle", RigPlace.of("another", "tests.circle")])
+def test_what_only_reads_like_it_is_left_as_it_is(where: str) -> None:
+    with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
+        raise FileError(where, "is wrong", "correct it")
+    assert found.value.where == where
+
+
+@pytest.mark.parametrize("name", ["a; b\nc", "x" * 5000])
+def test_what_is_wrong_with_an_operator_does_not_depend_on_the_name(name: str) -> None:
+    with pytest.raises(UseError) as found:
+        hold_operator(name)
+    assert found.value.remedy in ("write it in one line", "write at most 200") and found.value.what
