@@ -173,22 +173,23 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
     return results.evaluate_runs(runs)
 
 
-def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None) -> Compared:
+def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unseen: Sequence[Measured] = ()) -> Compared:
     """Simulate each run from its own joint feedback, fit the set-up, and lay simulated and measured side by side.
 
-    runs: of one robot, at least one; pose runs are left out, since they have no gauges to compare.
+    runs: of one robot, at least one.
     rig: the model; the rig file of the first run where it is None.
+    unseen: runs at another place or radius, each compared in a set-up of its own.
 
-    Returns `runs` with the curves and figures of both and `residuals_mm` (m, k) of every reading, `fitted` with the
-    set-ups, `doubts` in words.
+    Returns `runs` with the curves and figures of both and `residuals_mm` (m, k) of every reading, `poses` with what is
+    left of runs without gauges, the fitted `setups`, and `doubts` in words.
 
-    Raises FileError where a run is not of the model's robot or circle, or where no run has gauges.
+    Raises FileError where a run is not of the model's robot or circle.
 
     Source: docs/simulation.md.
     """
     from analysis.fitting.compare import compare as compare_with  # noqa: PLC0415
 
-    return compare_with(runs, _model(rig, runs))
+    return compare_with(runs, _model(rig, runs), unseen)
 
 
 def calibrate(

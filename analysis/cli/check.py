@@ -18,7 +18,7 @@ def check(
     from analysis.cli.several import end_with, worst  # noqa: PLC0415
     from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
     from analysis.noise.certificate import doubts_of  # noqa: PLC0415
-    from analysis.reporting.origins import begins_with  # noqa: PLC0415
+    from analysis.reporting.origins import begins_with, in_calibration  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
@@ -28,6 +28,8 @@ def check(
     say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:
         say(f"  the model starts with {begins_with(rig.effects)}")
+    for line in in_calibration(rig.calibrated) if rig.calibrated else ():
+        say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
         say(f"  {line}")

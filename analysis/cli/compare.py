@@ -48,6 +48,13 @@ def compare(
         ),
     ] = None,
     rig_file: ModelRig = None,
+    unseen: Annotated[
+        list[Path] | None,
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory at another place or radius, with a set-up of its own; repeatable; default: none.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
 ) -> None:
@@ -56,8 +63,8 @@ def compare(
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
     """
     if against:
-        if rig_file or plot:
-            raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig and --plot out")
+        if rig_file or plot or unseen:
+            raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
         _before_and_after(runs, against, as_json)
         return
     import analysis  # noqa: PLC0415
@@ -68,7 +75,8 @@ def compare(
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
         progress(f"simulating {len(measured)} runs")
-        found = analysis.compare(measured, rig_file)
+        elsewhere = [analysis.load_run(path) for path in unseen or ()]
+        found = analysis.compare(measured, rig_file, unseen=elsewhere)
     if plot:
         with progress_of("drawing the pictures"):
             pictures = list(comparison_report.save_pictures(found.runs, plot))

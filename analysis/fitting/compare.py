@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,10 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.measures.rig_agreement import hold_targets
-from analysis.model.predict import model_of, path_of, predict
+from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
-from rigs.errors import FileError
 from rigs.rig import Rig
 
 
@@ -74,12 +73,23 @@ class Comparison(Tabular):
 
 
 @dataclass(frozen=True)
+class PoseComparison:
+    """A run of poses beside the model: what the model leaves of them in µm, root mean square and at most."""
+
+    run: str
+    poses: int
+    rms_um: float
+    largest_um: float
+
+
+@dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, the fit of their set-ups, and doubts in words."""
+    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges."""
 
     runs: tuple[Comparison, ...]
-    fitted: Fit
+    setups: dict[str, SetUp]
     doubts: tuple[str, ...]
+    poses: tuple[PoseComparison, ...] = ()
 
     def to_table(self) -> pa.Table:
         """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
@@ -91,37 +101,56 @@ class Compared(Tabular):
 
     def to_dict(self) -> dict[str, Any]:
         """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
-        setups = {
-            name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.fitted.setups.items()
-        }
+        setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
         plain: dict[str, Any] = for_json(
-            {"runs": [one.to_dict() for one in self.runs], "setup": setups, "doubts": self.doubts}
+            {
+                "runs": [one.to_dict() for one in self.runs],
+                "poses": [asdict(one) for one in self.poses],
+                "setup": setups,
+                "doubts": self.doubts,
+            }
         )
         return plain
 
 
-def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
+def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
     """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
-    one set-up. Raises FileError."""
+    one set-up; `unseen` runs, of another place or radius, have set-ups of their own. Raises FileError."""
+    parts = [_compared(runs, rig, "")] if runs else []
+    parts += [_compared([run], run.rig.modelled_as(rig), " at the unseen place") for run in unseen]
+    setups: dict[str, SetUp] = {}
+    for part in parts:
+        setups |= part.setups
+    return Compared(
+        tuple(run for part in parts for run in part.runs),
+        setups,
+        tuple(doubt for part in parts for doubt in part.doubts),
+        tuple(pose for part in parts for pose in part.poses),
+    )
+
+
+def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
+    """Return runs compared with the model of a rig, with set-ups that are called by where they are."""
     model = model_of(rig)
-    poses = [run for run in runs if isinstance(run.table, PoseTable)]
-    runs = [run for run in runs if not isinstance(run.table, PoseTable)]
-    if not runs:
-        what = "is a pose run, which has no gauges to compare"
-        raise FileError(str(poses[0].path), what, "use rig calibrate for poses")
     for run in runs:
         hold_targets(run.table, rig, str(run.path))
     names = [run.run.manifest.name for run in runs]
     observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
-    doubts += [f"{run.run.manifest.name} is left out: poses have no gauges to compare" for run in poses]
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     found = fit(model, observations)
-    comparisons = [
-        _one(run, one, rig, found, residual)
-        for run, one, residual in zip(runs, observations, found.residuals, strict=True)
-    ]
-    return Compared(tuple(comparisons), found, tuple(doubts))
+    comparisons, poses = [], []
+    for run, one, residual in zip(runs, observations, found.residuals, strict=True):
+        if isinstance(run.table, PoseTable):
+            away_um = 1e3 * np.linalg.norm(residual, axis=1)
+            rms_um = float(np.sqrt(np.mean(away_um**2)))
+            poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
+        else:
+            comparisons.append(_one(run, one, rig, found, residual))
+    setups = {
+        f"{one.setup}{where}": found.setups[one.setup] for one in observations if not isinstance(one.table, PoseTable)
+    }
+    return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
 def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:

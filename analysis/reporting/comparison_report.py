@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.fitting.compare import Compared, Comparison
-from analysis.fitting.estimate import Fit
+from analysis.model.predict import SetUp
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
@@ -24,7 +24,11 @@ from analysis.reporting.wide_tables import whole
 def as_tables(found: Compared) -> RenderableType:
     """A table for each run: each figure measured, simulated, and the difference; then doubts and the set-ups."""
     doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
-    return Group(*(_table(one) for one in found.runs), *doubts, *_setups(found.fitted))
+    poses = [
+        Text(f"{one.run}: {one.poses} poses, unexplained {one.rms_um:.1f} µm rms, at most {one.largest_um:.1f} µm")
+        for one in found.poses
+    ]
+    return Group(*(_table(one) for one in found.runs), *poses, *doubts, *_setups(found.setups))
 
 
 def _table(one: Comparison) -> Table:
@@ -41,9 +45,9 @@ def _table(one: Comparison) -> Table:
     return whole(table)
 
 
-def _setups(fitted: Fit) -> list[Text]:
+def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
     lines = []
-    for name, setup in fitted.setups.items():
+    for name, setup in setups.items():
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
     return lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
 
@@ -17,6 +18,19 @@ def begins_with(effects: Sequence[Effect]) -> str:
         origins.setdefault(_origin(effect), []).append(name_of(effect))
     count = f"{len(effects)} effect{'s' * (len(effects) != 1)}"
     return f"{count}, " + "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
+
+
+def in_calibration(found: CalibratedModel) -> list[str]:
+    """What a calibrated model holds, what it was shown to leave, and where it is known."""
+    runs = _listed([one.name for one in found.runs])
+    left = f"it leaves {found.calibrated_um:.0f} of {found.before_um:.0f} µm rms of its runs"
+    if found.held_out_um is not None:
+        left += f" and {found.held_out_um:.0f} µm where it had no part"
+    joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.joints_deg, 1))
+    return [
+        f"calibrated on {found.date} from {runs}: {len(found.terms)} terms; {left}",
+        f"the joints were driven {joints}; outside, the calibration knows no more than a healthy arm's errors",
+    ]
 
 
 def simulated_runs(simulated: int, runs: int) -> str:
