@@ -23,7 +23,8 @@ from daq.protocol import polled, streamed
 from daq.protocol.asked_by_line import AskedByLine
 from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, items_of, mm
+from daq.protocol.shapes import HeldShape
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, held, items_of, mm
 from rigs.schema.serial_gauges import SylvacOptoRS
 
 _END = b"\r"
@@ -76,6 +77,7 @@ class _Continuous:
 
     def __init__(self, gauge: SylvacOptoRS) -> None:
         self.frames = Lines(_END)
+        self.shapes = [HeldShape()]
         self._gauge = gauge
 
     def start(self) -> bytes:
@@ -84,8 +86,9 @@ class _Continuous:
     def read(self, message: Message | Fault) -> streamed.Reaction:
         if isinstance(message, Fault):
             return streamed.Reaction((message,))
-        items = items_of(message, NO_TIME, [_read(message.data, self._gauge)])
-        return streamed.Reaction(items, send=self.start() if message.data.startswith(b"SY") else b"")
+        readings, told = held([_read(message.data, self._gauge)], self.shapes, message)
+        items = items_of(message, NO_TIME, readings)
+        return streamed.Reaction((*items, *told), send=self.start() if message.data.startswith(b"SY") else b"")
 
     def silent(self) -> streamed.Reaction:
         return streamed.Reaction(send=self.start())

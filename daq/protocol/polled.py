@@ -30,6 +30,7 @@ from typing import Protocol
 from daq.protocol.bursts import Bursts
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
 from daq.protocol.framing import Framer, Message
+from daq.protocol.shapes import HeldShape, Shaped
 from daq.protocol.stirring import Stirring
 
 PAUSE_NS = 100_000_000
@@ -109,6 +110,16 @@ class Polled:
     def asking(self) -> bool:
         """Whether a request is on the line."""
         return self._requested_ns != NO_TIME
+
+    @property
+    def shapes(self) -> list[HeldShape]:
+        """The shapes that its gauges' numbers are held to; none where they have no text."""
+        return self._dialect.shapes if isinstance(self._dialect, Shaped) else []
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        if isinstance(self._dialect, Shaped):
+            self._dialect.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         self._stirring.begin(now_ns)

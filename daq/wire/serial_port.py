@@ -7,6 +7,8 @@ the first byte.
 from __future__ import annotations
 
 import errno
+import fcntl
+import struct
 import termios
 from pathlib import Path
 
@@ -18,6 +20,12 @@ from rigs.schema.links import Line, ModemLines
 _LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _IFLAG = 0
 """Place of the input modes in what tcgetattr gives."""
+_COUNTS = struct.Struct("@20i")
+"""`struct serial_icounter_struct` of linux/serial.h: what `TIOCGICOUNT` fills in."""
+_PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "no room in the port": 10}
+"""Places of its counts of lost and damaged characters, by what a person is told."""
+_TIOCGICOUNT = 0x545D
+"""asm-generic/ioctls.h; x86 and ARM have it, and the termios of Python does not."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
@@ -76,6 +84,18 @@ def _check_parity(fd: int) -> None:
     settings = termios.tcgetattr(fd)
     settings[_IFLAG] |= termios.INPCK
     termios.tcsetattr(fd, termios.TCSANOW, settings)
+
+
+def line_errors(fd: int) -> dict[str, int]:
+    """Return how many characters the port has counted as lost or damaged, by what happened to them.
+
+    Empty where it does not count: a pty, and adapters whose driver has no such counts.
+    """
+    try:
+        counts = _COUNTS.unpack(fcntl.ioctl(fd, _TIOCGICOUNT, bytes(_COUNTS.size)))
+    except (OSError, ValueError):
+        return {}
+    return {name: counts[place] for name, place in _PLACES.items()}
 
 
 def _serial_problem(error: serial.SerialException) -> tuple[str, str]:

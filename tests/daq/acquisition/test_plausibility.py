@@ -161,3 +161,29 @@ def _create(folder: Path, label: Label) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
     return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
+def test_a_gauge_whose_unit_was_changed_in_a_recording_is_told_once(factor: float) -> None:
+    """Also one that sends registers, which have no decimals to show it."""
+
+    def reads(t_s: float) -> float:
+        return (0.9 + _fine(t_s / 10)) * (factor if t_s >= 30 else 1.0)
+
+    (told,) = _seen(60, reads, lambda t_s: 3 * t_s)
+    assert told.kind is FaultKind.UNIT_CHANGED and abs(told.at_ns - 30 * S) <= S // 10 and "in/mm" in told.detail
+
+
+@pytest.mark.parametrize(
+    "reads",
+    [
+        lambda t_s: 0.9 + _fine(t_s),
+        lambda t_s: 1e-3 * round(math.sin(7 * t_s)),
+        lambda t_s: 0.0001 * (-1) ** round(10 * t_s),
+        lambda t_s: 2.54 if t_s < 30 else 0.1 + t_s,
+        lambda t_s: 5.08 / 25.4 if 30 <= t_s < 30.05 else 5.08 + _fine(t_s),
+    ],
+    ids=["moves", "a coarse one at zero", "noise at zero", "leaves the ball", "one reading alone"],
+)
+def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads: Callable[[float], float]) -> None:
+    assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
