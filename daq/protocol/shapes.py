@@ -91,7 +91,7 @@ class HeldShape:
         """From each reading to the next, signed."""
 
     def check(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Take the next number; return whether it is a reading, and what is to be told."""
+        """Take the next number; return whether it is a reading, and what is to be reported."""
         shape = written.shape
         if self._held is None:
             return self._believed(written)
@@ -122,7 +122,7 @@ class HeldShape:
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Take a number as a reading; tell where the one before it jumped away by one digit, alone."""
+        """Take a number as a reading; report where the one before it jumped away by one digit, alone."""
         self._agreed += 1
         value_mm, reach_mm = written.value_mm, self._reach_mm(written)
         doubt = None

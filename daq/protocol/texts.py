@@ -103,7 +103,7 @@ def _value_mm(reading: Reading) -> float:
 def held(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
-    """Hold each gauge's number to the shape of those before it; return the readings, and what else is to be told."""
+    """Hold each gauge's number to the shape of those before it; return the readings, and the other faults."""
     found, told = list[Reading](), list[Fault]()
     for reading, shape in zip(readings, shapes, strict=True):
         if not isinstance(reading, Written):

@@ -109,7 +109,7 @@ def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:
     """Raise ValueError where two gauges on one port cannot share it."""
     if one.interface == other.interface and not (one.shares or one.bus):
         raise ValueError(f"{one.interface} carries one gauge a port, not two; give {second} its own port")
-    own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
+    own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
     common = {"interface", "line", "framing"} if one.bus else type(one).model_fields.keys() - own
     for key in sorted(common):
         settings = [getattr(gauge, key, "none") for gauge in (one, other)]

@@ -215,6 +215,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
                 assert watch.pushed(places) is None
             unknown.hand.mm["g2"] += 1.5
             place = _awaited(lambda: watch.pushed(places))
+            assert watch.grows(place)
             watch.rest()
             unknown.hand.mm["g2"] -= 1.5
             unknown.hand.mm["g1"] += 1.5
