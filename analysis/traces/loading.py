@@ -147,10 +147,13 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
     ]
     if test == "radial" and link_excess_mm(rig):
         known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+    towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
+    turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
+    turned += "is not applied; if they are as shown, change their sign in the table and import it again"
     if not known:
-        return []
+        return [turned] if towards else []
     what = f"imported readings are taken as corrected: {' and '.join(known)} is not added"
-    return [f"{what}; if they are raw, correct g1_mm in the table and import it again"]
+    return [f"{what}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
