@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import importlib
 import os
 import signal
 import termios
@@ -15,7 +16,6 @@ from typing import TypeVar
 
 import pytest
 
-import daq.discovery.search as search_module
 from daq.discovery import PortReport, Wanted, Watch, named_attempts, ports_here, search
 from daq.discovery.attempts import Attempt, attempts
 from daq.emulators.pty_line import PtyLine
@@ -52,8 +52,9 @@ def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
 
 
 def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search_module, "is_built_in", lambda port: True)
-    monkeypatch.setattr(search_module, "_SILENT_S", 0.5)
+    module = importlib.import_module("daq.discovery.search")  # its package has a function of the same name
+    monkeypatch.setattr(module, "is_built_in", lambda port: True)
+    monkeypatch.setattr(module, "_SILENT_S", 0.5)
     line = PtyLine.open(Line.model_validate("9600 8N1"))
     try:
         (report,) = searched(line.port)
