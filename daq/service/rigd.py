@@ -21,6 +21,7 @@ from daq.service.daemon import Daemon
 from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.load import SHIPPED, find, load
+from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -30,7 +31,10 @@ log = logging.getLogger("rigd")
 def main() -> None:
     """Run the command: the entry point of `rigd`."""
     forget_width_of_0()
-    app()
+    try:
+        app()
+    finally:
+        ignore_interrupts()
 
 
 @app.command()
