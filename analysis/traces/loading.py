@@ -81,6 +81,9 @@ def measured_of(run: Run) -> Measured:
     path = run.path
     _is_in_step(run)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    if run.manifest.test != "pose" and not rig.gauges.recorded:
+        what = f"is a {run.manifest.test} run, and its rig file has no gauges"
+        raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
     doubts = [*_doubts(run), *_certificates(run, rig)]
     if run.table is not None:
         doubts += _taken_as_corrected(run, rig)

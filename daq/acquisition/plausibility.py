@@ -6,7 +6,9 @@ that measures is never so still, but a coarse one may be: so nothing is said bef
 `STUCK_DEG` of motion, and not before `COARSE_DEG` where no step of the gauge finer than `COARSE_MM` has been seen. A
 gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range. A
 gauge whose readings are from one to the next a 25.4th or 25.4 times what they were, and stay so: somebody pressed in/mm
-(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.shapes`).
+(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.shapes`). And one that *hung*:
+it showed one number for `HELD_S` while the robot moved `HELD_DEG`, and then jumped by more than it
+moves from reading to reading, so that it showed what had been elsewhere.
 
 Pure: items in, faults out. The readings are kept as they came.
 """
@@ -31,6 +33,11 @@ COARSE_DEG = 90.0
 COARSE_MM = 0.002
 TIMES_IN_ERROR = 5
 IN_ERROR_S = 60.0
+HELD_S = 0.5
+HELD_READINGS = 5
+HELD_DEG = 1.0
+HELD_STEPS = 5.0
+"""Usual steps that the first reading after it lies away: where the error of the robot turns round, it is one."""
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
 """Readings before and after a change of unit that have to bear it out: as many as show how the gauge moves, and more
@@ -49,6 +56,10 @@ class _GaugeState:
     travel_deg: float = 0.0
     finest_mm: float = math.inf
     reported: bool = False
+    last_ns: int = 0
+    """When it last showed its present reading."""
+    steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
+    """How far it moved of late, where it moved."""
     tail: Samples = NO_SAMPLES
     """The readings that a change of unit has not been looked for in, and those before them."""
 
@@ -100,13 +111,32 @@ class PlausibilityCheck:
         (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, is one
         if not moved.size:
             gauge.count += len(readings_mm)
+            gauge.last_ns = int(stamps_ns[-1]) if len(stamps_ns) else gauge.last_ns
             return []
         freed = [_doubtful(int(stamps_ns[moved[0]]), f"{_name(column)} moves again", 0)] if gauge.reported else []
+        if moved[0] > 0:
+            gauge.last_ns = int(stamps_ns[moved[0] - 1])
+        freed += self._held(column, gauge, gauge.count + int(moved[0]), int(stamps_ns[moved[0]]), steps_mm[moved[0]])
+        gauge.steps_mm.extend(steps_mm[moved[-20:]][np.isfinite(steps_mm[moved[-20:]])])
         gauge.finest_mm = float(np.fmin.reduce(steps_mm[moved], initial=gauge.finest_mm))
         last = int(moved[-1])
         gauge.reading, gauge.since_ns, gauge.reported = float(readings_mm[last]), int(stamps_ns[last]), False
         gauge.count, gauge.travel_deg = len(readings_mm) - last, self._travel_deg
+        gauge.last_ns = int(stamps_ns[-1])
         return freed
+
+    def _held(self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float) -> list[Fault]:
+        """What is to be said where a gauge that stood still moves again by so much. count: readings that were equal."""
+        seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
+        if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
+            return []
+        if len(gauge.steps_mm) < HELD_READINGS or jump_mm <= HELD_STEPS * float(np.median(gauge.steps_mm)):
+            return []
+        what = (
+            f"showed exactly {gauge.reading:.4f} mm for {seconds:.1f} s while the robot moved {moved_deg:.0f}°, then "
+        )
+        what += f"jumped by {jump_mm:.4f} mm"
+        return [_doubtful(now_ns, f"{_name(column)} {what}: was HOLD pressed, or did its cable or display hang?")]
 
     def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
         if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:

@@ -21,14 +21,27 @@ from collections.abc import Sequence
 from daq.gauges import Read
 from daq.protocol import polled, streamed
 from daq.protocol.asked_by_line import AskedByLine
-from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.shapes import HeldShape
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, held, items_of, mm
+from daq.protocol.texts import (
+    CHECK,
+    Reading,
+    Show,
+    TextDevice,
+    TextDialect,
+    Trouble,
+    garbled,
+    held,
+    items_of,
+    mm,
+    shown,
+)
 from rigs.schema.serial_gauges import SylvacOptoRS
 
 _END = b"\r"
 _READING = re.compile(rb"([+\- ]\d{1,7}\.\d{1,7})[<=>]?")
+_COMMA = re.compile(rb"[+\- ]\d{1,7},\d{1,7}[<=>]?")
 _ERRORS = {
     b"ERR0": "sensor error; clean the probe and check that it is plugged in",
     b"ERR1": "command not understood; check the line's settings",
@@ -63,6 +76,9 @@ def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
 def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if match := _READING.fullmatch(data):
         return mm(match[1], gauge)
+    if _COMMA.fullmatch(data):
+        detail = f"{shown(data)} has a decimal comma; set the gauge, or the program that it is set with, to a point"
+        return Trouble(detail, FaultKind.GARBLED, polled.Then.DRAIN)
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")
     if data.startswith(b"SY"):

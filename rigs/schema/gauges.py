@@ -89,9 +89,9 @@ class Gauges(Part):
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
         """Name and gauge of the one or two that tests measure with, in order."""
-        yield "g1", self.g1
-        if self.g2 is not None:
-            yield "g2", self.g2
+        for name in ("g1", "g2"):
+            if (gauge := getattr(self, name)) is not None:
+                yield name, gauge
 
     @property
     def recorded(self) -> dict[str, Gauge]:
@@ -103,6 +103,10 @@ class Gauges(Part):
     def baseline_mm(self) -> float:
         """Distance between the gauges, offset of g1 less that of g2: positive where there are two."""
         return self.g1.offset_mm - (self.g2.offset_mm if self.g2 else 0.0)
+
+
+NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
+"""The gauges of a cell that a tracker measures alone: none."""
 
 
 def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:

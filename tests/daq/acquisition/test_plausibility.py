@@ -187,3 +187,27 @@ def test_a_gauge_whose_unit_was_changed_in_a_recording_is_told_once(factor: floa
 )
 def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads: Callable[[float], float]) -> None:
     assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
+
+
+def test_a_gauge_that_was_frozen_for_a_second_is_told_when_it_goes_on() -> None:
+    def reads(t_s: float) -> float:
+        return _fine(21.5 if 21.5 <= t_s < 22.7 else t_s)
+
+    (told,) = _seen(40, reads, lambda t_s: 6 * t_s)
+    assert told.kind is FaultKind.DOUBTFUL and abs(told.at_ns - 22.7 * S) <= S // 10
+    assert "for 1.1 s while the robot moved" in told.detail and "then jumped by 0.1" in told.detail
+    assert "HOLD" in told.detail
+
+
+@pytest.mark.parametrize(
+    ("reads", "turns"),
+    [
+        (lambda t_s: round(0.02 * math.sin(t_s / 5), 3), lambda t_s: 6 * t_s),
+        (lambda t_s: _fine(20.0 if 20 <= t_s < 30 else t_s), lambda t_s: 6 * min(t_s, 20.0) + 6 * max(0.0, t_s - 30)),
+    ],
+    ids=["a coarse one turns round", "the robot stands"],
+)
+def test_a_gauge_that_only_rests_was_not_frozen(
+    reads: Callable[[float], float], turns: Callable[[float], float]
+) -> None:
+    assert _seen(60, reads, turns) == []

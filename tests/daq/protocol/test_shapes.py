@@ -13,8 +13,9 @@ import pytest
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.polled import echoed_part
 from daq.protocol.shapes import AGREED, hand_on
-from tests.support.drivers import gauge, sylvac
+from tests.support.drivers import gauge, modbus, sylvac
 from tests.support.simulated_conversation import S, Script, asked
 
 TEXT_GAUGES: dict[str, dict[str, Any]] = {
@@ -188,3 +189,41 @@ def test_a_doubled_comma_shifts_no_head_to_the_place_of_another() -> None:
     items = _answers(asked(daq.gauges.host([one])), *[b"M0,+01.000,+02.000\r\n"] * AGREED, b"M0,,+01.000,+02.000\r\n")
     assert {item.values for item in items if isinstance(item, Sample)} == {(2.0,)}
     assert isinstance(items[-1], Fault) and items[-1].kind is FaultKind.MISSHAPEN
+
+
+def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
+    script = Script(daq.gauges.host([sylvac(mode="continuous")]))
+    for data in (b"+1.2001\r\n+1.2002\r", b"\n", b"+1.2003\r\n"):
+        script.receive(data, S)
+    assert [item.values for item in script.taken() if isinstance(item, Sample)] == [(1.2001,), (1.2002,), (1.2003,)]
+    items = _answers(asked(daq.gauges.host([sylvac()])), *[b"+1.2001\r\n"] * 5)
+    assert [type(item) for item in items] == [Sample] * 5
+
+
+def test_a_decimal_comma_is_told() -> None:
+    (fault,) = _answers(asked(daq.gauges.host([sylvac()])), b"+1,2001\r")
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED and "decimal comma; set" in fault.detail
+
+
+@pytest.mark.parametrize("heard", [b"A0100\r\n", b"0100\r\n", b"\x1bA01 12.3\r\n"])
+def test_a_part_of_our_own_request_is_told_as_an_echo(heard: bytes) -> None:
+    """An RS-485 adapter that turns round late misses the first characters of its own echo."""
+    script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
+    script.receive(b"\x0200010012\r\n")
+    (fault,) = _answers(script, heard)
+    assert isinstance(fault, Fault) and "our own request, so the adapter echoes: switch off the echo" in fault.detail
+
+
+def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:
+    script = Script(daq.gauges.host([modbus()]))
+    script.wake()
+    request, script.sent = script.sent, b""
+    script.receive(request[1:], S)
+    while not (items := script.taken()):
+        script.wake()
+    assert isinstance(items[0], Fault) and "so the adapter echoes" in items[0].detail
+
+
+def test_what_is_no_request_is_no_echo() -> None:
+    assert echoed_part(b"?\r", b"?\r") == 0
+    assert echoed_part(b"\x1bA0100\r", b"\x02-    1.5") == 0
