@@ -54,6 +54,7 @@ def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
 def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("daq.discovery.search")  # its package has a function of the same name
     monkeypatch.setattr(module, "is_built_in", lambda port: True)
+    # private: the real limit is 20 s
     monkeypatch.setattr(module, "_SILENT_S", 0.5)
     line = PtyLine.open(Line.model_validate("9600 8N1"))
     try:
