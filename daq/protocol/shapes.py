@@ -11,16 +11,16 @@ Another number of decimals reply after reply is no damage: somebody has pressed 
 readings are never believed, since rigd cannot know which of the two it was.
 
 What no shape shows is a digit that became another one, on a line without parity. Where the reading jumps by one digit
-and back it is reported as doubtful. A change of the last digits, of the size of the steps just seen, shows nowhere.
+and back it is reported as doubtful. A change of the last digits, of the size of what the gauge scatters, shows nowhere.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from statistics import median
 from typing import Protocol, runtime_checkable
 
 from daq.protocol.conversation import FaultKind
@@ -32,8 +32,11 @@ _LASTING = 3
 a row are, alike, less than once in some ten million."""
 _PADDED = re.compile(rb"[+\- ]?( |0\d)")
 _DIGITS = b"0123456789"
-_REACH = 4
-"""Median steps that the next reading may lie away and be no jump: steps of one motion differ less."""
+_REACH = 3
+"""How many times as far as the furthest of late a reading may lie: of `AGREED` normal deviations the furthest is some 2
+sigma, so less than one in a hundred million lies further."""
+_FAR = 10
+"""How many times as far a reading lies of which a digit is false; one that is so near by chance is then one in ten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +88,10 @@ class HeldShape:
         self._last_mm = self._pending_mm = float("nan")
         """The last reading that was believed, and one after it that is to be borne out."""
         self._text = b""
-        self._jumped_from_mm = float("nan")
-        """The reading before one that differs by a digit; nan where the last did not."""
+        self._before_mm = float("nan")
+        """The reading before the last one."""
+        self._bends_mm: deque[float] = deque(maxlen=AGREED)
+        """How far each reading lay from the middle of its neighbours."""
         self._steps_mm: deque[float] = deque(maxlen=AGREED)
         """From each reading to the next, signed."""
 
@@ -124,29 +129,39 @@ class HeldShape:
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
         """Take a number as a reading; report where the one before it jumped away by one digit, alone."""
         self._agreed += 1
-        value_mm, reach_mm = written.value_mm, self._reach_mm(written)
-        doubt = None
-        if abs(value_mm - self._jumped_from_mm) <= reach_mm < abs(self._last_mm - value_mm):
-            detail = (
-                f"a reading of {self._last_mm:.6g} mm alone between {self._jumped_from_mm:.6g} and {value_mm:.6g} mm"
-            )
-            doubt = Doubt(FaultKind.DOUBTFUL, f"{detail}: one digit may be damaged; check the cable")
-            self._steps_mm[-1] = value_mm - self._jumped_from_mm
-            self._jumped_from_mm = float("nan")
-        else:
-            one_digit = len(self._steps_mm) == AGREED and self._differs_by_a_digit(written, reach_mm)
-            self._jumped_from_mm = self._last_mm if one_digit else float("nan")
-            if self._text:
-                self._steps_mm.append(value_mm - self._last_mm)
+        value_mm = written.value_mm
+        doubt = self._one_digit(written)
+        if self._text:
+            self._steps_mm.append(value_mm - self._last_mm)
         self._padded = (self._padded and self._held == written.shape) or bool(_PADDED.match(written.text))
         self._held, self._text = written.shape, written.text
-        self._last_mm, self._pending_mm = value_mm, float("nan")
+        self._before_mm, self._last_mm, self._pending_mm = self._last_mm, value_mm, float("nan")
         return True, doubt
+
+    def _one_digit(self, written: Written) -> Doubt | None:
+        """Doubt the reading before this one where it lies far from the middle of its neighbours, and near it were one
+        of its digits another."""
+        middle_mm = (self._before_mm + written.value_mm) / 2
+        off_mm = abs(self._last_mm - middle_mm)
+        near_mm = _REACH * max([*self._bends_mm, written.mm * 10.0**-written.shape.decimals])
+        # Where the readings come unevenly a moving gauge lies off the middle, but between its neighbours.
+        far = len(self._bends_mm) == AGREED and off_mm > max(
+            _FAR * near_mm, 1.5 * abs(written.value_mm - self._before_mm)
+        )
+        if not far or not any(
+            abs(number * written.mm - middle_mm) <= near_mm
+            for number in _with_another(self._text, _FAR * near_mm / written.mm)
+        ):
+            if math.isfinite(off_mm):  # one that is far takes part as one that is near: it may be false itself
+                self._bends_mm.append(min(off_mm, near_mm) if len(self._bends_mm) == AGREED else off_mm)
+            return None
+        detail = f"{self._last_mm:.6g} mm alone between {self._before_mm:.6g} and {written.value_mm:.6g} mm"
+        self._last_mm = middle_mm
+        return Doubt(FaultKind.DOUBTFUL, f"a reading of {detail}: one digit may be damaged; check the cable")
 
     def _reach_mm(self, written: Written) -> float:
         """How far the next reading may lie from the last, by the steps of late and the last digit."""
-        steps_mm = sorted(map(abs, self._steps_mm))
-        return _REACH * max(median(steps_mm) if steps_mm else 0.0, written.mm * 10.0**-written.shape.decimals)
+        return _REACH * max([*map(abs, self._steps_mm), written.mm * 10.0**-written.shape.decimals])
 
     @property
     def _expected_mm(self) -> float:
@@ -171,15 +186,9 @@ class HeldShape:
     def _lost_its_sign(self, written: Written) -> bool:
         if b"-" not in self._text or b"-" in written.text or b"+" in written.text:
             return False
-        if abs(written.value_mm - self._last_mm) <= self._reach_mm(written):
+        if len(self._steps_mm) < AGREED or abs(written.value_mm - self._last_mm) <= self._reach_mm(written):
             return False
         return abs(-written.value_mm - self._expected_mm) < abs(written.value_mm - self._expected_mm)
-
-    def _differs_by_a_digit(self, written: Written, reach_mm: float) -> bool:
-        """Whether the number is out of reach, and within it were one of its digits another."""
-        if abs(written.value_mm - self._last_mm) <= reach_mm:
-            return False
-        return any(abs(number * written.mm - self._last_mm) <= reach_mm for number in _with_another(written.text))
 
     def _misshapen(self, written: Written, why: str) -> Doubt:
         text = repr(written.text[:40])[1:]
@@ -231,8 +240,10 @@ def _with_one_more(text: bytes) -> Iterator[float]:
             yield _number(text[:k] + bytes([digit]) + text[k:])
 
 
-def _with_another(text: bytes) -> Iterator[float]:
-    """The numbers of which one false digit makes this text."""
+def _with_another(text: bytes, least: float) -> Iterator[float]:
+    """The numbers of which one false digit makes this text, of those digits that stand for at least so much."""
+    point = text.index(b".")
     for k, byte in enumerate(text):
-        for digit in _DIGITS if byte in _DIGITS else b"":
+        stands_for = 10.0 ** (point - k - (k < point))
+        for digit in _DIGITS if byte in _DIGITS and stands_for >= least else b"":
             yield _number(text[:k] + bytes([digit]) + text[k + 1 :])

@@ -111,13 +111,13 @@ def test_a_sound_line_has_no_faults(name: str) -> None:
 
 @pytest.mark.parametrize("name", TEXT_GAUGES)
 def test_each_digit_that_became_another_is_doubtful_unless_it_is_within_the_motion(name: str) -> None:
-    """Undecidable by the text alone: what is not told lies within some steps of the motion, 0.04 mm each, or among the
-    first replies."""
+    """Undecidable by the text alone. What is not told lies among the first replies, or soon after another one that was
+    false, which shows as scatter: one in four at this rate."""
     outcome = _recorded(name, _another_digit, 200, 1, replies=4000, sound=AGREED + 5)
     out_of_reach = [off_mm for off_mm in outcome.false_mm if off_mm > 0.3]
     assert out_of_reach, "a line that does no harm tests nothing"
     told = outcome.kinds[FaultKind.DOUBTFUL] + outcome.kinds[FaultKind.MISSHAPEN]
-    assert told >= len(out_of_reach)
+    assert told >= 0.7 * len(out_of_reach) - 1
 
 
 def _answers(script: Script, *replies: bytes) -> list[Any]:
@@ -227,3 +227,21 @@ def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:
 def test_what_is_no_request_is_no_echo() -> None:
     assert echoed_part(b"?\r", b"?\r") == 0
     assert echoed_part(b"\x1bA0100\r", b"\x02-    1.5") == 0
+
+
+@pytest.mark.parametrize("sigma_mm", [0.0002, 0.001, 0.02])
+@pytest.mark.parametrize("name", ["sylvac", "c1208 optorsd", "keyence"])
+def test_a_gauge_that_scatters_around_zero_is_not_doubted(name: str, sigma_mm: float) -> None:
+    keys = dict(TEXT_GAUGES[name])
+    one = gauge(keys.pop("interface"), **keys)
+    rng, now_ns = random.Random(5), 0
+    device = daq.gauges.device([one], lambda at_ns: [rng.gauss(0.0, sigma_mm)])
+    script = Script(daq.gauges.host([one]))
+    for _ in range(10_000):
+        request, script.sent = script.sent, b""
+        if request:
+            now_ns = max(now_ns, script.now_ns) + S // 100
+            script.receive(device.received(request, now_ns).send, now_ns)
+        else:
+            script.wake()
+    assert [item for item in script.taken() if isinstance(item, Fault)] == []
