@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.schema.certificate import Ball, Link, Temperature
 from rigs.schema.declared_tests import Tests
-from rigs.schema.feedback import Feedback, carries_signal
-from rigs.schema.gauges import Gauges
+from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
+from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
@@ -29,8 +29,10 @@ class Rig(Part):
     """Lower case, digits, - and _: it names the socket, the service and the runs."""
     description: str = ""
     robot: Robot
-    gauges: Gauges
-    feedback: Feedback
+    gauges: Gauges = Field(default_factory=lambda: NO_GAUGES)
+    """What rigd reads and the link's tests measure with; a cell that only a tracker measures needs none."""
+    feedback: Feedback = Field(default_factory=NoFeedback)  # type: ignore[assignment]
+    """How rigd reads the joints; there with the gauges, or not at all."""
     ball: Ball | None = None
     link: Link | None = None
     temperature: Temperature | None = None
@@ -80,11 +82,21 @@ class Rig(Part):
             raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
         return tests
 
+    @model_validator(mode="after")
+    def _read_together(self) -> Rig:
+        if bool(dict(self.gauges)) == isinstance(self.feedback, NoFeedback):
+            there, lacks = ("gauges", "feedback") if dict(self.gauges) else ("feedback", "gauges")
+            what = f"{there} without {lacks}: rigd records both together"
+            raise ValueError(f"{what}; add {lacks}, or leave out {there} where a tracker alone measures")
+        return self
+
     @field_validator("automatic")
     @classmethod
     def _possible(cls, automatic: Automatic | None, info: ValidationInfo) -> Automatic | None:
         if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # with mistakes of their own
             return automatic
+        if isinstance(info.data["feedback"], NoFeedback):
+            raise ValueError("nothing is recorded without gauges and feedback; add both, or leave it out")
         gauges = len(list(info.data["gauges"]))
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))

@@ -71,10 +71,11 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
         with Terminal(command, 80, 60, {}) as terminal:
             person = Person(terminal)
             person.answers("Robot: its host name", bench.cell.ports["feedback"])
-            person.asked("Push gauge 1")
-            hand.by_mm["g1"] = 1.0
-            person.asked("g1: ")
-            hand.by_mm.clear()
+            for number in (1, 2):
+                person.asked(f"Push gauge {number}")
+                hand.by_mm[f"g{number}"] = -1.0
+                person.asked(f"g{number}: ")
+                hand.by_mm.clear()
             if gauges == "micro_epsilon":
                 person.answers("range_mm of g1", "10")
                 person.answers("range_mm of g2", "10")

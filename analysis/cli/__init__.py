@@ -18,6 +18,7 @@ from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import Group, with_the_command_of
 from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -34,6 +35,9 @@ as Python has it, they cost a tenth of the time that a small run takes (0.80 of 
 
 _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
 """What pydantic, by which typer reads values, says of how it found a mistake."""
+
+_INTERRUPTED = 130
+"""What a shell expects of a program that Ctrl-C ended."""
 
 app = typer.Typer(
     cls=Group,
@@ -58,6 +62,8 @@ def main() -> None:
         _wrong_use(error)
     except typer.Abort:
         sys.exit(1)
+    except KeyboardInterrupt:  # between the command and here
+        sys.exit(_INTERRUPTED)
     except RigError as error:
         _fail(error)
     except ModuleNotFoundError as error:
@@ -75,6 +81,8 @@ def main() -> None:
         _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
+    finally:
+        ignore_interrupts()
 
 
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:

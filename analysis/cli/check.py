@@ -25,7 +25,8 @@ def check(
     tests, errors = feasible_tests(rig, rig_file)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'good'}")
-    say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
+    read = f"{gauges}; robot by {rig.feedback.interface}" if gauges else "no gauges: for poses of a tracker"
+    say(f"  {rig.robot.name}; {read}")
     if rig.effects:
         say(f"  the model starts with {begins_with(rig.effects)}")
     for line in in_calibration(rig.calibrated) if rig.calibrated else ():

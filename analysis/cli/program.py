@@ -73,7 +73,8 @@ def program(
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
-    say(feedback_note(maker, rig.feedback), err=True)
+    if rig.gauges.recorded:
+        say(feedback_note(maker, rig.feedback), err=True)
     for written in paths:
         say(written)
 

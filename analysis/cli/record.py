@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,10 +12,14 @@ from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, operator_or_user
+from rigs.errors import FileError, RigError
 from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
+
+_MOST_ROWS = 2_000_000
+"""Rows of a run that is looked at when it ends: a second's work. A person does not wait for what is longer."""
 
 RigName = Annotated[
     str | None,
@@ -54,16 +60,41 @@ def start(
 
 @command(record, "rig record stop")
 def stop(rig: RigName = None) -> None:
-    """Stop the recording and print its run directory; its faults are reported on standard error."""
+    """Stop the recording and print its run directory.
+
+    Standard error has its faults, its seal, and why rig analyse would refuse it.
+    """
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         ended = client.ask("record_stop")
-    say(ended["run"])
-    for stream, counters in ended["counters"].items():
-        faults = [f"{count} {kind}" for kind, count in counters.items() if kind != "samples"]
-        if faults:
-            say(f"{stream}: {', '.join(faults)} while recording", err=True)
+        say(ended["run"])
+        for stream, counters in ended["counters"].items():
+            faults = [f"{count} {kind}" for kind, count in counters.items() if kind != "samples"]
+            if faults:
+                say(f"{stream}: {', '.join(faults)} while recording", err=True)
+        if seal := ended.get("seal"):
+            say(f"seal: {seal}", err=True)
+        rows = sum(counters.get("samples", 0) for counters in ended["counters"].values())
+        if rows <= _MOST_ROWS and (why := _why_unusable(Path(ended["run"]))):
+            say(f"cannot be analysed: {why}; drive it again", err=True)
+            with suppress(RigError):  # a daemon that is older, or gone
+                client.ask("judged", run=ended["run"], said=why)
+
+
+def _why_unusable(run: Path) -> str:
+    """Why `rig analyse` would refuse a run, while the robot can still drive it again; empty where it would not."""
+    from analysis.measures.results import result_of  # noqa: PLC0415
+    from analysis.traces.loading import measured_of  # noqa: PLC0415
+    from daq.store import read_run  # noqa: PLC0415
+
+    try:
+        recorded = read_run(run)
+        if recorded.manifest.test != "pose":  # which has a table of its own
+            result_of(measured_of(recorded))
+    except FileError as error:
+        return error.what
+    return ""
 
 
 @command(app, "rig status")

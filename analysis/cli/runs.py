@@ -94,22 +94,31 @@ def _recover(path: Path) -> None:
 
     with progress_of(f"recovering {path}"):
         done = recover_run(path)
-        problems = judge(path).problems
+        verdict = judge(path)
     for stream, rows in done.rows.items():
         say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
         say(note)
     for file, loss in done.losses.items():
         say(f"lost: {file}: {loss}")
-    if problems:
-        for line in problems:
+    if not (verdict.end_known or done.nothing_to_do):
+        say("its end was never sealed: rows after the last one may be missing")
+    if verdict.problems:
+        for line in verdict.problems:
             say(line, err=True)
         raise FileError(str(path), "is still not whole, and no more can be recovered", "see the lines above")
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 
 @command(app, "rig verify runs --jobs auto")
-def verify(paths: RunsBelow, jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
+def verify(
+    paths: RunsBelow,
+    seal: Annotated[
+        str | None, typer.Option(metavar="SHA256", help="Seal that rig record stop printed; default: not compared.")
+    ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
+) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
     from analysis.cli.run_paths import runs_below  # noqa: PLC0415
 
@@ -118,6 +127,10 @@ def verify(paths: RunsBelow, jobs: Jobs = 1, scheduler: Scheduler = None) -> Non
     def show(verdict: Verdict) -> None:
         for line in verdict.lines:
             say(line, err=True)
+        if seal and verdict.seal != seal.lower():
+            has = f"its seal is {verdict.seal}, not the one given" if verdict.seal else "it has no seal"
+            say(f"{verdict.path}: {has}: it is another run, or was cut off and sealed again", err=True)
+            not_whole.append(verdict.path)
         say(verdict.summary)
         if verdict.lines:
             not_whole.append(verdict.path)

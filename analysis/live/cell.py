@@ -14,13 +14,14 @@ from analysis.geometry.circle import CircleFrame, frame_of
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.traces.laps import is_on_circle
 from rigs.rig import Rig
+from rigs.schema.gauges import Gauge
 
 
 @dataclass(frozen=True)
 class Cell:
     """name: of the rig; axes: names of the joints; baseline_mm: 0 without a second gauge; frame, start_rad, lead_rad,
     laps: of the circle test, frame None where the rig file has none; range_mm: of each gauge by its certificate, None
-    where it has none."""
+    where it has none; signs: by which its readings grow with the distance from the ball."""
 
     name: str
     arm: Arm
@@ -31,6 +32,7 @@ class Cell:
     lead_rad: float
     laps: int
     range_mm: tuple[tuple[float, float] | None, ...]
+    signs: tuple[int, ...]
 
     def phi(self, q: Array) -> Array:
         """Circle angle (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan where the tool is not on the circle."""
@@ -55,7 +57,6 @@ class Cell:
 def cell_of(rig: Rig) -> Cell:
     """Return what a rig file says of the cell."""
     circle = rig.tests.circle
-    certificates = [gauge.certificate for _, gauge in rig.gauges]
     return Cell(
         rig.name,
         arm_of(rig.robot),
@@ -65,5 +66,14 @@ def cell_of(rig: Rig) -> Cell:
         float(np.radians(circle.start_deg)) if circle else 0.0,
         float(np.radians(circle.lead_deg)) if circle else 0.0,
         circle.laps if circle else 0,
-        tuple(one.valid_mm if one else None for one in certificates),
+        tuple(_range_mm(gauge) for _, gauge in rig.gauges),
+        tuple(gauge.sign for _, gauge in rig.gauges),
     )
+
+
+def _range_mm(gauge: Gauge) -> tuple[float, float] | None:
+    """The range of a gauge's certificate, in readings that grow with the distance from the ball."""
+    if gauge.certificate is None or gauge.certificate.valid_mm is None:
+        return None
+    low, high = sorted(gauge.sign * end for end in gauge.certificate.valid_mm)
+    return low, high

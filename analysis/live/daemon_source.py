@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -35,9 +35,10 @@ _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 class Asking:
     """One connection to a daemon and what it has sent: answers in, updates out."""
 
-    def __init__(self, client: Client, rig_lines: list[str] | None = None) -> None:
-        """rig_lines: the rig file of the connection before, which need not be read again if it is the same."""
-        self._client, self.rig_lines = client, rig_lines
+    def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
+        """rig_lines: the rig file of the connection before, which need not be read again if it is the same; signs: of
+        its gauges."""
+        self._client, self.rig_lines, self.signs = client, rig_lines, signs
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
         self._further: dict[str, tuple[float, float]] = {}
@@ -52,12 +53,12 @@ class Asking:
         cell, notice = None, ""
         if not self._knows_rig and answer["rig_lines"] != self.rig_lines:
             cell, notice = _cell(answer["rig_lines"])
-            self.rig_lines = answer["rig_lines"]
+            self.rig_lines, self.signs = answer["rig_lines"], cell.signs if cell else (1, 1)
         self._knows_rig = True
         state = None
         if now_s >= self._state_due_s:
             state, self._state_due_s = self._client.ask("status"), now_s + _STATE_S
-        self._joiner, rows = self._joiner.joined(tracks_of(answer["streams"]))
+        self._joiner, rows = self._joiner.joined(tracks_of(answer["streams"], self.signs))
         now_ns = answer["now_ns"]
         readings = {
             name: Reading(float(track.values[-1, 0]), max(0.0, now_ns / 1e9 - float(track.t_s[-1])))
@@ -117,15 +118,16 @@ class DaemonSource:
 
     def _ask(self) -> None:
         rig_lines: list[str] | None = None
+        signs: Sequence[int] = (1, 1)
         while not self._ended.is_set():
             try:
                 with Client(self._socket) as client:
-                    asking = Asking(client, rig_lines)
+                    asking = Asking(client, rig_lines, signs)
                     while not self._ended.wait(_ASK_S):
                         if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
                             continue
                         self._updates.put(asking.update(time.monotonic()))
-                        rig_lines = asking.rig_lines
+                        rig_lines, signs = asking.rig_lines, asking.signs
             except CellError as error:
                 self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
             except RigError as error:
@@ -133,17 +135,18 @@ class DaemonSource:
             self._ended.wait(_RETRY_S)
 
 
-def tracks_of(streams: Mapping[str, Any]) -> dict[str, Track]:
-    """Return the samples of a `samples` answer by instrument, in mm and rad."""
+def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
+    """Return the samples of a `samples` answer by instrument, in mm and rad. signs: by which the readings of the gauges
+    grow with the distance from the ball."""
     found = {}
     for stream in streams.values():
         if not stream["rows"]:
             continue
         values = np.array(stream["rows"], dtype=float)
         columns = dict(zip(stream["columns"], values.T[1:], strict=True))
-        for name in GAUGES:
+        for name, sign in zip(GAUGES, signs, strict=False):
             if f"{name}_mm" in columns:
-                found[name] = _track(values[:, 0], columns[f"{name}_mm"][:, None])
+                found[name] = _track(values[:, 0], sign * columns[f"{name}_mm"][:, None])
         if all(joint in columns for joint in _JOINTS):
             found[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
     return {name: track for name, track in found.items() if len(track.t_s)}

@@ -36,6 +36,8 @@ def evaluate(
 
     Raises FileError where it is not a valid measurement of its test.
     """
+    if isinstance(table, PoseTable):
+        return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm
     hold_targets(table, rig, where)
     match table:
@@ -53,5 +55,3 @@ def evaluate(
             return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations=orientations)
         case RepeatabilityTable():
             return repeatability.evaluate(table, u_mm, where)
-        case PoseTable():
-            return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)

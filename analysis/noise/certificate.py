@@ -72,7 +72,10 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, list[str]]:
-    """Return the corrected readings (n, k) mm of the gauges `names`, and doubts about them."""
+    """Return the corrected readings (n, k) mm of the gauges `names`, and doubts about them.
+
+    Given and returned they grow with the distance from the ball; a certificate is of what the gauge shows.
+    """
     gauges, doubts = dict(rig.gauges), []
     certified = [(column, name, one) for column, name in enumerate(names) if (one := gauges[name].certificate)]
     if certified:
@@ -80,13 +83,15 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
     for column, name, certificate in certified:
         if certificate.valid_mm is not None:
             low, high = certificate.valid_mm
-            beyond = int(np.count_nonzero((g_mm[:, column] < low) | (g_mm[:, column] > high)))
+            shown_mm = gauges[name].sign * g_mm[:, column]
+            beyond = int(np.count_nonzero((shown_mm < low) | (shown_mm > high)))
             if beyond:
                 doubts.append(
                     f"{name}: {beyond} of {len(g_mm)} readings lie beyond the {low:g} to {high:g} mm of its "
                     f"certificate {certificate.number}; they are corrected as at its end"
                 )
-        g_mm[:, column] = corrected(certificate, g_mm[:, column], rig.temperature)
+        sign = gauges[name].sign
+        g_mm[:, column] = sign * corrected(certificate, sign * g_mm[:, column], rig.temperature)
     return g_mm, doubts
 
 

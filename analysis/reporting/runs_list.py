@@ -59,6 +59,9 @@ def _size(count: int) -> str:
 
 
 def _age(seconds: float) -> str:
+    if seconds < -_MINUTE_S:
+        return "in the future"  # the clock was set back since
+    seconds = max(seconds, 0.0)
     if seconds >= _DAY_S:
         return f"{seconds / _DAY_S:.0f} d"
     return f"{seconds / _HOUR_S:.1f} h" if seconds >= _HOUR_S else f"{seconds / _MINUTE_S:.0f} min"

@@ -46,8 +46,8 @@ class Dialogue:
                 raise UseError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
-        if explained:
-            self.say(explained)
+        for line in explained.splitlines():  # `say` is the gate for one line, and escapes what ends one
+            self.say(line)
         while True:
             answer = self.line(f"{asked}{f' [{usual}]' if usual else ''}: ") or usual
             if not answer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts,
 from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
+from rigs.schema.probe import Counts
 
 _NAMES = ("g1", "g2")
 _MOST_SHOWN = 5
@@ -124,21 +126,23 @@ def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
 
 
 def _chosen(found: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Gauge 1, and gauge 2 where there are two."""
+    """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
     by_place = {gauge.place: gauge for gauge in found}
     if options.places:
         return [_at(place, by_place) for place in options.places]
-    if len(found) == 1:
+    if not dialogue.terminal and len(found) == 1:
         return list(found)
     if not dialogue.terminal:
         where = ", ".join(by_place)
         raise FileError("gauges", f"{len(found)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
     with Watch(found) as watch:
         left = {str(number): gauge for number, gauge in enumerate(found, 1)}
-        first = left.pop(_pushed("g1", left, watch, dialogue))
-        if len(left) == 1:
+        first = _pushed("g1", left, watch, dialogue)
+        if not left or (
+            len(left) == 1 and "counts" not in first.gauge.model_fields_set
+        ):  # typed, so no finger is there
             return [first, *left.values()]
-        return [first, left[_pushed("g2", left, watch, dialogue)]]
+        return [first, _pushed("g2", left, watch, dialogue)]
 
 
 def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
@@ -151,17 +155,27 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
 
-def _pushed(name: str, left: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> str:
-    """The number of the gauge that is pushed, or that is typed. left: the gauges by their numbers in the list."""
+def _pushed(name: str, left: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
+    """Take the gauge that is pushed, or whose number is typed, from those left, by their numbers in the list.
+
+    A push says how it counts as well: a plunger goes in as the tool comes towards the ball.
+    """
     numbers = {gauge.place: number for number, gauge in left.items()}
     while True:
         watch.rest()
-        dialogue.say(f"Push gauge {name[1]}, on the {_SIDES[name]} side of the baseline, or type its number:")
+        other = "press Enter" if len(left) == 1 else "type its number"
+        dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {other}:")
         answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
-        number = numbers.get(answer, answer)
+        number = numbers.get(answer, answer) or (next(iter(left)) if len(left) == 1 else "")
+        if answer in numbers:
+            counts: Counts = "towards" if watch.grows(answer) else "away"
+            grew = "grows" if counts == "towards" else "falls"
+            dialogue.say(f"{name}: {answer}; its reading {grew} as it is pushed in, so it counts {counts}")
+            found = left.pop(number)
+            return replace(found, gauge=found.gauge.model_copy(update={"counts": counts}))
         if number in left:
-            dialogue.say(f"{name}: {left[number].place}")
-            return number
+            dialogue.say(f"{name}: {left[number].place}; it was not pushed, so it is taken to count away")
+            return left.pop(number)
         dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(left)}, or push it")
 
 

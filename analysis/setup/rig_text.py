@@ -50,7 +50,8 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     for gauge_name, gauge in placed(answers).items():
         yield f"  {gauge_name}: # {gauge.origin.instruments}"
         shared = ("channel",) if gauge.shares else ()
-        yield from _indented(_part(gauge, ("interface", "port", "line", *shared, "offset_mm")), 4)
+        seen = ("counts",) if "counts" in gauge.model_fields_set else ()
+        yield from _indented(_part(gauge, ("interface", "port", "line", *shared, "offset_mm", *seen)), 4)
         if gauge.origin.doubts:
             yield f"    # not confirmed: {gauge.origin.doubts}"
     yield ""

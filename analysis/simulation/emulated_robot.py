@@ -94,6 +94,7 @@ class EmulatedRobot:
         place, gauge = self._gauges[name]
         with self._lock:
             length_mm = self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, gauge.accuracy_mm)
+        length_mm *= gauge.sign
         if gauge.certificate is None:
             return float(length_mm)
         return float(as_shown(gauge.certificate, np.asarray(length_mm), self._rig.temperature))

@@ -56,6 +56,9 @@ def simulate(
     effects: instead of those of the rig file. Raises FileError where the robot cannot do the test, or for a pose
     test, which has no program.
     """
+    if not rig.gauges.recorded:
+        what = f"has no gauges, and a {test} test is measured with them"
+        raise FileError(f"rig {rig.name}", what, "add gauges and feedback to the rig file")
     program = _program(rig, test, direction)
     model = model_of(rig, effects)
     setup = _planted(rig, program)

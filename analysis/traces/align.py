@@ -150,13 +150,13 @@ def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
 
 
 def _gauge(path: Path, streams: Streams, test: TestName, rig: Rig, name: str, doubts: list[str]) -> _Track:
-    """Readings (n, 1) mm of one gauge."""
+    """Readings (n, 1) mm of one gauge, which grow with the distance from the ball however it counts."""
     stream = _own_rows(_stream(path, streams, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
     instants = gauge_instants(stream, dict(rig.gauges)[name])
     doubts.extend(timing_doubts(name, instants))
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings are marked doubtful by the gauge itself")
-    values = stream[f"{name}_mm"][:, None]
+    values = dict(rig.gauges)[name].sign * stream[f"{name}_mm"][:, None]
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
         # With the ball inside the circle no link is ever longer than twice its radius.

@@ -93,6 +93,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     path = run.path
     _is_in_step(run)
     rig = rig or _rig_of(run)
+    if run.manifest.test != "pose" and not rig.gauges.recorded:
+        what = f"is a {run.manifest.test} run, and its rig file has no gauges"
+        raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
     doubts = [*_doubts(run), *_certificates(run, rig)]
     if run.table is not None:
         doubts += _taken_as_corrected(run, rig)
@@ -160,10 +163,13 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
     ]
     if test == "radial" and link_excess_mm(rig):
         known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+    towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
+    turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
+    turned += "is not applied; if they are as shown, change their sign in the table and import it again"
     if not known:
-        return []
+        return [turned] if towards else []
     what = f"imported readings are taken as corrected: {' and '.join(known)} is not added"
-    return [f"{what}; if they are raw, correct g1_mm in the table and import it again"]
+    return [f"{what}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:

@@ -1,10 +1,14 @@
 """Readings that are well-formed but implausible, reported while there is still time to do something about it.
 
-The daemon knows no kinematics, so two things only. A gauge that *sticks*: the same number again and again while the
+The daemon knows no kinematics, so three things only. A gauge that *sticks*: the same number again and again while the
 robot moves, in a test whose gauges touch all along (in the others the robot also moves between two touches). A probe
 that measures is never so still, but a coarse one may be: so nothing is said before `STUCK_S`, `STUCK_READINGS` and
 `STUCK_DEG` of motion, and not before `COARSE_DEG` where no step of the gauge finer than `COARSE_MM` has been seen. A
-gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range.
+gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range. A
+gauge whose readings are from one to the next a 25.4th or 25.4 times what they were, and stay so: somebody pressed in/mm
+(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.shapes`). And one that *hung*:
+it showed one number for `HELD_S` while the robot moved `HELD_DEG`, and then jumped by more than it
+moves from reading to reading, so that it showed what had been elsewhere.
 
 Pure: items in, faults out. The readings are kept as they came.
 """
@@ -20,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.acquisition.stream_buffer import samples_of
-from daq.protocol.conversation import Fault, FaultKind, Item, Samples
+from daq.protocol.conversation import NO_SAMPLES, Fault, FaultKind, Item, Samples
 
 STUCK_S = 10.0
 STUCK_READINGS = 20
@@ -29,6 +33,15 @@ COARSE_DEG = 90.0
 COARSE_MM = 0.002
 TIMES_IN_ERROR = 5
 IN_ERROR_S = 60.0
+HELD_S = 0.5
+HELD_READINGS = 5
+HELD_DEG = 1.0
+HELD_STEPS = 5.0
+"""Usual steps that the first reading after it lies away: where the error of the robot turns round, it is one."""
+INCH_MM = 25.4
+BEFORE, AFTER = 9, 3
+"""Readings before and after a change of unit that have to bear it out: as many as show how the gauge moves, and more
+after it than one that is wrong alone."""
 _STILL_DEG = 0.1
 """A robot that holds its place shows less."""
 
@@ -43,6 +56,12 @@ class _GaugeState:
     travel_deg: float = 0.0
     finest_mm: float = math.inf
     reported: bool = False
+    last_ns: int = 0
+    """When it last showed its present reading."""
+    steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
+    """How far it moved of late, where it moved."""
+    tail: Samples = NO_SAMPLES
+    """The readings that a change of unit has not been looked for in, and those before them."""
 
 
 @dataclass
@@ -65,8 +84,11 @@ class PlausibilityCheck:
             self._follow(samples)
             return []
         doubts = self._intermittent(stream, columns, items)
-        for place, column in enumerate(columns if self.touching else ()):
+        for place, column in enumerate(columns):
             gauge = self._gauges.setdefault(column, _GaugeState())
+            doubts += _rescaled(column, gauge, samples, place)
+            if not self.touching:
+                continue
             doubts += self._update(column, gauge, samples, place)
             doubts += self._sticking(column, gauge, samples)
         return doubts
@@ -89,13 +111,32 @@ class PlausibilityCheck:
         (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, is one
         if not moved.size:
             gauge.count += len(readings_mm)
+            gauge.last_ns = int(stamps_ns[-1]) if len(stamps_ns) else gauge.last_ns
             return []
         freed = [_doubtful(int(stamps_ns[moved[0]]), f"{_name(column)} moves again", 0)] if gauge.reported else []
+        if moved[0] > 0:
+            gauge.last_ns = int(stamps_ns[moved[0] - 1])
+        freed += self._held(column, gauge, gauge.count + int(moved[0]), int(stamps_ns[moved[0]]), steps_mm[moved[0]])
+        gauge.steps_mm.extend(steps_mm[moved[-20:]][np.isfinite(steps_mm[moved[-20:]])])
         gauge.finest_mm = float(np.fmin.reduce(steps_mm[moved], initial=gauge.finest_mm))
         last = int(moved[-1])
         gauge.reading, gauge.since_ns, gauge.reported = float(readings_mm[last]), int(stamps_ns[last]), False
         gauge.count, gauge.travel_deg = len(readings_mm) - last, self._travel_deg
+        gauge.last_ns = int(stamps_ns[-1])
         return freed
+
+    def _held(self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float) -> list[Fault]:
+        """What is to be said where a gauge that stood still moves again by so much. count: readings that were equal."""
+        seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
+        if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
+            return []
+        if len(gauge.steps_mm) < HELD_READINGS or jump_mm <= HELD_STEPS * float(np.median(gauge.steps_mm)):
+            return []
+        what = (
+            f"showed exactly {gauge.reading:.4f} mm for {seconds:.1f} s while the robot moved {moved_deg:.0f}°, then "
+        )
+        what += f"jumped by {jump_mm:.4f} mm"
+        return [_doubtful(now_ns, f"{_name(column)} {what}: was HOLD pressed, or did its cable or display hang?")]
 
     def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
         if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:
@@ -128,6 +169,44 @@ class PlausibilityCheck:
         times.clear()
         what = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({fault.detail})"
         return [_doubtful(fault.at_ns, f"{what}: does the whole motion lie within its range?")]
+
+
+def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
+    """Where the readings of a gauge go on in another unit."""
+    read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
+    known = Samples.joined([gauge.tail, read])
+    gauge.tail = known[-(BEFORE + AFTER - 1) :]
+    if len(known) < BEFORE + AFTER:
+        return []
+    readings_mm = known.values[:, place]
+    before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
+    larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
+    (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few, of which each is looked at
+    return [
+        _unit_changed(column, int(known.last_byte_ns[k + BEFORE]), float(before_mm[k]), float(after_mm[k]))
+        for k in likely
+        if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER])
+    ]
+
+
+def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
+    """Whether the readings (BEFORE,) lead to those (AFTER,) by a factor of 25.4, and not otherwise."""
+    step_mm = 2 * float(np.abs(np.diff(before_mm)).max())
+    jump_mm = abs(float(after_mm[0] - before_mm[-1]))
+    if jump_mm <= 10 * max(step_mm, COARSE_MM):
+        return False
+    for factor in (INCH_MM, 1 / INCH_MM):
+        as_before_mm = after_mm * factor
+        rounded_mm = COARSE_MM * max(factor, 1.0)
+        led_to = np.abs(np.diff(as_before_mm, prepend=before_mm[-1])) <= step_mm + rounded_mm
+        if led_to.all():
+            return True
+    return False
+
+
+def _unit_changed(column: str, at_ns: int, before_mm: float, after_mm: float) -> Fault:
+    what = f"{_name(column)} went from {before_mm:.4f} to {after_mm:.4f} mm, a factor of 25.4, and stays there"
+    return Fault(FaultKind.UNIT_CHANGED, at_ns, f"{what}: did somebody press in/mm? Switch it back, and record again")
 
 
 def _of_gauge(read: NDArray[np.bool_], place: int | None) -> NDArray[np.bool_]:

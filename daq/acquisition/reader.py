@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
-from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.protocol.conversation import Fault, FaultKind, Host, Item
+from daq.protocol.shapes import hand_on
 from daq.wire.capture import Mark
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
@@ -39,6 +40,8 @@ class Reader(threading.Thread):
         """When the present outage began; None while the link is up."""
         self._used_s = self._looked_s = 0.0
         """Processor time of this thread when it was last looked at, and when that was."""
+        self._before: Host | None = None
+        """The conversation on the link before it was lost."""
         self._reasons: set[str] = set()
         """Why the port did not open, as reported in this outage."""
 
@@ -73,6 +76,8 @@ class Reader(threading.Thread):
                 self._buffer.deliver(ignored)
 
         conversation = self._stream.host()
+        hand_on(self._before, conversation)
+        self._before = conversation
         try:
             run_conversation(recorded, conversation, deliver, self._stop_asked.is_set, alive)
             reason = "the conversation could not go on"

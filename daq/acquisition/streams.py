@@ -10,6 +10,7 @@ from daq import feedback, gauges
 from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link
 from daq.wire.opening import open_link
+from rigs.errors import CellError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback, columns_beside_joints
 from rigs.schema.links import Line, ModemLines
@@ -52,7 +53,10 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """Return all streams of a rig, the robot last."""
+    """Return all streams of a rig, the robot last. Raises CellError for one without instruments."""
+    if not rig.gauges.recorded:
+        what = "has no gauges and no feedback, so there is nothing to read"
+        raise CellError(rig.name, what, "add both to its rig file; poses of a tracker are imported: rig import")
     members = rig.gauges.recorded
     found = []
     for names in gauge_groups(rig):

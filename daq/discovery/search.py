@@ -11,6 +11,7 @@ import math
 import os
 import termios
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,7 +30,7 @@ from daq.doctor.finding import Verdict
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host, Sample
-from daq.wire.serial_port import port_names
+from daq.wire.serial_port import is_built_in, port_names
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
@@ -37,6 +38,9 @@ _ANSWER_S = 0.3
 """What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
 more, and a Heidenhain ND 281 B takes up to 50 ms."""
 _PATIENCE_S = 2.0
+_SILENT_S = 20.0
+"""For a port that is built in, and so is there with nothing plugged in: the makers' own line settings and the two that
+are commonest. A port that is plugged in is tried at all of them."""
 _CONFIRM_S = 0.5
 """For more readings, once a protocol fits."""
 LISTEN_S = 1.0
@@ -62,11 +66,8 @@ class Wanted:
 
 def ports_here() -> dict[str, str]:
     """Return the serial ports of this computer, each with what the system says of it; none is opened."""
-    here = dict.fromkeys(port_names(), "")
-    for one in list_ports.comports():
-        name = next((name for name in here if Path(name).resolve() == Path(one.device).resolve()), one.device)
-        here[name] = one.description if one.description != "n/a" else ""
-    return here
+    said = {Path(one.device).resolve(): one.description for one in list_ports.comports() if one.description != "n/a"}
+    return {name: said.get(Path(name).resolve(), "") for name in port_names()}
 
 
 def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
@@ -128,7 +129,10 @@ def _tried(
     own_error: tuple[Attempt, Trial] | None = None
     received = 0
     unanswered: set[tuple[bytes, Line]] = set()
+    until_s = time.monotonic() + (_SILENT_S if is_built_in(report.port) else math.inf)
     for number, attempt in enumerate(tried, 1):
+        if not received and time.monotonic() > until_s:
+            return _nothing(report, 0, number - 1, len(tried))
         answered = best[0] if best else own_error
         if stop.is_set() or (answered and attempt.line != answered[0].line):
             break
@@ -158,7 +162,7 @@ def _tried(
         attempt, trial = own_error
         what = f"{attempt.interface} answers at {attempt.line} with an error of its own"
         return _failed(report, what, trial.last_fault)
-    return _nothing(report, received, len(tried))
+    return _nothing(report, received, len(tried), len(tried))
 
 
 def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
@@ -184,11 +188,13 @@ def _last(samples: Sequence[Sample], column: int) -> float | None:
     return next((value for value in values if not math.isnan(value)), None)
 
 
-def _nothing(report: PortReport, received: int, attempts_made: int) -> PortReport:
+def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
     if received:
         what = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
         return _failed(report, what, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
     what = f"silent in {attempts_made} attempts"
+    if attempts_made < of:
+        what += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
     remedy = (
         "switch it on and check its cable; if it sends at the press of a button alone, press it during a longer "
         "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"

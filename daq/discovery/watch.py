@@ -97,6 +97,12 @@ class Watch:
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 
+    def grows(self, place: str) -> bool:
+        """Return whether the reading of a gauge that was pushed grew."""
+        with self._changed:
+            rest = sorted(self._rest[place])[len(self._rest[place]) // 2]
+            return max(self._latest[place], key=lambda reading: abs(reading - rest)) > rest
+
     def _end(self) -> None:
         self._stop.set()
         join_started(self._threads)

@@ -80,4 +80,4 @@ def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:
         return Trouble(detail, FaultKind.MISSING)
     if not _NUMBER.fullmatch(field) or _NO_VALUE.fullmatch(field):
         return Trouble(f"channel {gauge.channel} shows {shown(field)}: out of range or in error; check the head")
-    return mm(field, gauge)
+    return mm(field, gauge, len(fields))

@@ -45,7 +45,7 @@ def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
         (value,) = show()
         if not math.isfinite(value):
             return b""
-        text = format(value, _FORMAT[gauge.units])
+        text = f"{'-' if value < 0 else ''}{format(abs(value), _FORMAT[gauge.units])}"
         text = f"M1, {text}" if gauge.protocol == "m1240" else text + _WORD[gauge.units]
         return text.encode() + _END[gauge.protocol]
 
@@ -56,4 +56,5 @@ def _read(data: bytes, gauge: MahrC1208) -> Reading:
     match = _REPLY[gauge.protocol].fullmatch(data)
     if not match:
         return garbled(data)
-    return mm(match[1], gauge) if gauge.protocol == "m1240" else in_mm(match[1], match[2], gauge)
+    number = match[1] if match[1][:1] in b"+- " else b" " + match[1]  # the place of a sign, which is left out
+    return mm(number, gauge) if gauge.protocol == "m1240" else in_mm(number, match[2], gauge)

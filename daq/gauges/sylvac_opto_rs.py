@@ -21,13 +21,27 @@ from collections.abc import Sequence
 from daq.gauges import Read
 from daq.protocol import polled, streamed
 from daq.protocol.asked_by_line import AskedByLine
-from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, items_of, mm
+from daq.protocol.shapes import HeldShape
+from daq.protocol.texts import (
+    CHECK,
+    Reading,
+    Show,
+    TextDevice,
+    TextDialect,
+    Trouble,
+    garbled,
+    held,
+    items_of,
+    mm,
+    shown,
+)
 from rigs.schema.serial_gauges import SylvacOptoRS
 
 _END = b"\r"
 _READING = re.compile(rb"([+\- ]\d{1,7}\.\d{1,7})[<=>]?")
+_COMMA = re.compile(rb"[+\- ]\d{1,7},\d{1,7}[<=>]?")
 _ERRORS = {
     b"ERR0": "sensor error; clean the probe and check that it is plugged in",
     b"ERR1": "command not understood; check the line's settings",
@@ -62,6 +76,9 @@ def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
 def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if match := _READING.fullmatch(data):
         return mm(match[1], gauge)
+    if _COMMA.fullmatch(data):
+        detail = f"{shown(data)} has a decimal comma; set the gauge, or the program that it is set with, to a point"
+        return Trouble(detail, FaultKind.GARBLED, polled.Then.DRAIN)
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")
     if data.startswith(b"SY"):
@@ -76,6 +93,7 @@ class _Continuous:
 
     def __init__(self, gauge: SylvacOptoRS) -> None:
         self.frames = Lines(_END)
+        self.shapes = [HeldShape()]
         self._gauge = gauge
 
     def start(self) -> bytes:
@@ -84,8 +102,9 @@ class _Continuous:
     def read(self, message: Message | Fault) -> streamed.Reaction:
         if isinstance(message, Fault):
             return streamed.Reaction((message,))
-        items = items_of(message, NO_TIME, [_read(message.data, self._gauge)])
-        return streamed.Reaction(items, send=self.start() if message.data.startswith(b"SY") else b"")
+        readings, told = held([_read(message.data, self._gauge)], self.shapes, message)
+        items = items_of(message, NO_TIME, readings)
+        return streamed.Reaction((*items, *told), send=self.start() if message.data.startswith(b"SY") else b"")
 
     def silent(self) -> streamed.Reaction:
         return streamed.Reaction(send=self.start())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from daq.protocol.conversation import Item, Step
 from daq.protocol.polled import Polled
+from daq.protocol.shapes import HeldShape
 
 
 class AskedByLine:
@@ -20,6 +21,15 @@ class AskedByLine:
         """When the exchange is due, and when DTR may go off again."""
         self._on_ns: int | None = None
         """When DTR goes on again; None while it is."""
+
+    @property
+    def shapes(self) -> list[HeldShape]:
+        """The shapes that its gauges' numbers are held to; none where they have no text."""
+        return self._exchange.shapes
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        self._exchange.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         return self._after(self._exchange.connected(now_ns), now_ns)

@@ -12,7 +12,16 @@ from dataclasses import replace
 
 from daq.protocol.conversation import Fault, FaultKind, Item
 
-_REPEATING = {FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING, FaultKind.STRANGER}
+_REPEATING = {
+    FaultKind.GARBLED,
+    FaultKind.MISSHAPEN,
+    FaultKind.UNIT_CHANGED,
+    FaultKind.DEVICE_ERROR,
+    FaultKind.MISSING,
+    FaultKind.STRANGER,
+}
+_SAME = {FaultKind.GARBLED, FaultKind.MISSHAPEN}
+"""Kinds whose text quotes the message: they are the same whatever it was."""
 _TELL_NS = 1_000_000_000
 
 
@@ -55,4 +64,4 @@ class Bursts:
 
 
 def _sameness(fault: Fault) -> tuple[FaultKind, str]:
-    return fault.kind, "" if fault.kind is FaultKind.GARBLED else fault.detail
+    return fault.kind, "" if fault.kind in _SAME else fault.detail

@@ -31,6 +31,12 @@ class FaultKind(StrEnum):
 
     GARBLED = "garbled"
     """Bytes that are not a message of this protocol; ignored."""
+    MISSHAPEN = "misshapen"
+    """A number that is not written as those before it: a character is lost, doubled or false; left out."""
+    UNIT_CHANGED = "unit_changed"
+    """The gauge writes another number of decimals, or readings a 25.4th or 25.4-fold: in/mm was pressed."""
+    LINE = "line"
+    """Characters that the port itself calls lost or damaged: overruns, wrong framing, wrong parity."""
     DEVICE_ERROR = "device_error"
     """The device answered with its own error code."""
     MISSING = "missing"

@@ -76,7 +76,8 @@ class Pieces:
 class Lines:
     """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message.
 
-    echo: what was sent, which some instruments and adapters send back before their answer; it is passed over.
+    echo: what was sent, which some instruments and adapters send back before their answer; it is passed over. So is a
+    line feed after a carriage return that is the delimiter: some gauges can be set to either.
     """
 
     echo = b""
@@ -100,11 +101,13 @@ class Lines:
         found: list[Message | Fault] = []
         if self.echo and pieces.data.startswith(self.echo):
             pieces.take(len(self.echo))
+        self._pass_line_feeds()
         while (content := pieces.data.find(self._delimiter)) >= 0:
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:
                 found.append(self._endless(now_ns) if message.size > LIMIT else message)
             self._skipping = False
+            self._pass_line_feeds()
         if len(pieces.data) >= LIMIT:
             if not self._skipping:
                 found.append(self._endless(now_ns))
@@ -112,6 +115,10 @@ class Lines:
         if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
             pieces.take(surplus)  # what stays may be the beginning of a delimiter
         return found
+
+    def _pass_line_feeds(self) -> None:
+        while self._delimiter == b"\r" and self._pieces.data.startswith(b"\n"):
+            self._pieces.take(1)
 
     def _endless(self, now_ns: int) -> Fault:
         detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line's settings and the interface"

@@ -23,18 +23,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Protocol
 
 from daq.protocol.bursts import Bursts
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
 from daq.protocol.framing import Framer, Message
+from daq.protocol.shapes import HeldShape, Shaped
 from daq.protocol.stirring import Stirring
 
 PAUSE_NS = 100_000_000
 _BABBLE = 4
 """Time-outs that a drain may last before it is reported and the instrument is asked again to be quiet."""
+
+
+_ECHOED = 3
+"""Bytes of a request that are hardly the beginning of an answer."""
+
+
+def echoed_part(sent: bytes, heard: bytes) -> int:
+    """Return how many bytes of a request came back, where a part of it did: without its first bytes, which an adapter
+    misses that turns round late, or without its last, which the answer has cut off. 0 where none did."""
+    for skipped in range(len(sent) - _ECHOED + 1):
+        left = sent[skipped:]
+        same = next(
+            (k for k, (a, b) in enumerate(zip(left, heard, strict=False)) if a != b), min(len(left), len(heard))
+        )
+        if same >= _ECHOED and (skipped == 0 or same == len(left)):
+            return same
+    return 0
 
 
 class Then(Enum):
@@ -104,17 +122,30 @@ class Polled:
         self._discarded = 0
         self._reporting = False
         self._babble_ns = 0
+        self._sent = self._heard = b""
+        """The request on the line, and the first that came after it, as much as an echo of it would be."""
 
     @property
     def asking(self) -> bool:
         """Whether a request is on the line."""
         return self._requested_ns != NO_TIME
 
+    @property
+    def shapes(self) -> list[HeldShape]:
+        """The shapes that its gauges' numbers are held to; none where they have no text."""
+        return self._dialect.shapes if isinstance(self._dialect, Shaped) else []
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        if isinstance(self._dialect, Shaped):
+            self._dialect.shapes = shapes
+
     def connected(self, now_ns: int) -> Step:
         self._stirring.begin(now_ns)
         return self._drain([], now_ns, send=self._dialect.reset)
 
     def received(self, data: bytes, now_ns: int) -> Step:
+        self._heard = (self._heard + data)[: len(self._sent)]
         messages = self._dialect.frames.feed(data, now_ns)
         if not self.asking:
             return self._discard(len(messages), now_ns)
@@ -144,8 +175,18 @@ class Polled:
 
     def _read(self, message: Message | Fault) -> Reply:
         if isinstance(message, Fault):
-            return Reply((message,), Then.DRAIN)
-        return self._dialect.read(message, self._requested_ns)
+            return Reply((self._explained(message),), Then.DRAIN)
+        reply = self._dialect.read(message, self._requested_ns)
+        return replace(reply, items=tuple(map(self._explained, reply.items)))
+
+    def _explained(self, item: Item) -> Item:
+        """A fault that bytes make no sense says so where they are a part of our own request."""
+        if not isinstance(item, Fault) or item.kind is not FaultKind.GARBLED:
+            return item
+        if not (part := echoed_part(self._sent, self._heard)):
+            return item
+        echo = f"it begins with {part} of the {len(self._sent)} bytes of our own request, so the adapter echoes"
+        return replace(item, detail=f"{item.detail}; {echo}: switch off the echo of the RS-485 adapter")
 
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:
         if then is Then.DRAIN:
@@ -166,7 +207,8 @@ class Polled:
         late = now_ns - self._due_ns > self._period_ns
         self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
-        return Step(self._dialect.request(), tuple(items), self._wake_ns)
+        self._sent, self._heard = self._dialect.request(), b""
+        return Step(self._sent, tuple(items), self._wake_ns)
 
     def _give_up(self, items: list[Item], now_ns: int) -> Step:
         detail = f"no answer within {self._timeout_s:g} s; {self._dialect.check}"

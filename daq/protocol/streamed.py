@@ -13,6 +13,7 @@ from typing import Protocol
 from daq.protocol.bursts import Bursts
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Item, Samples, Step
 from daq.protocol.framing import Framer, Message
+from daq.protocol.shapes import HeldShape, Shaped
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,16 @@ class Streamed:
         self._bursts = Bursts()
         self._wake_ns = 0
         self._over = False
+
+    @property
+    def shapes(self) -> list[HeldShape]:
+        """The shapes that its gauges' numbers are held to; none where they have no text."""
+        return self._dialect.shapes if isinstance(self._dialect, Shaped) else []
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        if isinstance(self._dialect, Shaped):
+            self._dialect.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         self._wake_ns = now_ns + self._timeout_ns

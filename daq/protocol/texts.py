@@ -5,6 +5,9 @@ gauge: its reading in mm, or a `Trouble` in words. The gauges that share a link 
 trouble reads nan beside one that is well; where all are, there is no sample. `TextDevice` is the instrument, of
 which a driver adds what it answers.
 
+Where one sends no unit, and for what a line does to the rest, every number is held to the shape of those before it
+(`daq.protocol.shapes`).
+
 An instrument that sends its unit is held to that of the rig file (`in_mm`): a reading in another unit is reported as a
 fault and never converted, since either the gauge or the file is not what its owner believes.
 """
@@ -20,6 +23,7 @@ from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.polled import Reply, Then
 from daq.protocol.ranges import refusal
+from daq.protocol.shapes import HeldShape, Written
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
@@ -41,8 +45,8 @@ class Trouble:
     then: Then = Then.PAUSE
 
 
-Reading = float | Trouble
-"""A reading in mm, or the reason why it is missing."""
+Reading = float | Written | Trouble
+"""A reading in mm, one with the text that it was read from, or the reason why it is missing."""
 
 
 def garbled(data: bytes) -> Trouble:
@@ -55,13 +59,16 @@ def shown(data: bytes) -> str:
     return repr(data[:60])[1:]
 
 
-def mm(number: bytes, gauge: Probe) -> Reading:
-    """Convert a number in the gauge's units to mm, blanks in it ignored; Trouble where the gauge cannot read it."""
+def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
+    """Convert a number in the gauge's units to mm, blanks in it ignored; Trouble where the gauge cannot read it.
+
+    fields: how many numbers the message has, where their order says whose they are.
+    """
     value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
     if refused := refusal(value_mm, gauge):
         kind, detail = refused
         return Trouble(detail, kind)
-    return value_mm
+    return Written(value_mm, number, MM_PER_UNIT[gauge.units], fields)
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
@@ -84,8 +91,31 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
     if all(isinstance(reading, Trouble) for reading in readings):
         return faults
-    values = tuple(math.nan if isinstance(reading, Trouble) else reading for reading in readings)
-    return (Sample(values, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
+    return (Sample(tuple(map(_value_mm, readings)), requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
+
+
+def _value_mm(reading: Reading) -> float:
+    if isinstance(reading, Trouble):
+        return math.nan
+    return reading.value_mm if isinstance(reading, Written) else reading
+
+
+def held(
+    readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
+) -> tuple[list[Reading], tuple[Fault, ...]]:
+    """Hold each gauge's number to the shape of those before it; return the readings, and the other faults."""
+    found, told = list[Reading](), list[Fault]()
+    for reading, shape in zip(readings, shapes, strict=True):
+        if not isinstance(reading, Written):
+            found.append(reading)
+            continue
+        good, doubt = shape.check(reading)
+        if good:
+            found.append(reading.value_mm)
+            told += [Fault(doubt.kind, message.last_byte_ns, doubt.detail, doubt.count)] if doubt else []
+        elif doubt:
+            found.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # its message was whole
+    return found, tuple(told)
 
 
 class TextDialect(Generic[ProbeT]):
@@ -109,6 +139,7 @@ class TextDialect(Generic[ProbeT]):
         self.check = check
         self.babble = "is the instrument sending by itself?"
         self.reset = reset
+        self.shapes = [HeldShape() for _ in gauges]
         self._gauges = gauges
         self._request = request
         self._read = read
@@ -117,12 +148,13 @@ class TextDialect(Generic[ProbeT]):
         return self._request
 
     def read(self, message: Message, requested_ns: int) -> Reply:
-        readings = [self._read(message.data, gauge) for gauge in self._gauges]
+        read = [self._read(message.data, gauge) for gauge in self._gauges]
+        readings, told = held(read, self.shapes, message)
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
-            return Reply(items)
+            return Reply((*items, *told))
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
-        return Reply(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
+        return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
 
 
 class TextDevice:

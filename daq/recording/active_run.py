@@ -35,10 +35,11 @@ def samples_in(items: Sequence[Item]) -> int:
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A run that was ended. counters: stream → samples, and faults of each kind."""
+    """A run that was ended. counters: stream → samples, and faults of each kind. seal: SHA-256 of its ledger."""
 
     path: Path
     counters: dict[str, dict[str, int]]
+    seal: str
 
 
 @dataclass(frozen=True)

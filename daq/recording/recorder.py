@@ -70,6 +70,8 @@ class Recorder(threading.Thread):
         self._io = IoWorker(self._warnings)
         self.host, self.losses = HostWatch(self._warnings), Losses(buffers, self._warnings)
         self.last_end = ""
+        self._last_path: Path | None = None
+        """The run that ended last."""
 
     def run(self) -> None:
         """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
@@ -141,6 +143,12 @@ class Recorder(threading.Thread):
             return None
         finally:
             self._io.shut_down()
+
+    def note_end(self, run: str, said: str) -> None:
+        """Add to how the last recording ended what somebody has found in its run, so that status says it."""
+        with self._lock:
+            if run == str(self._last_path):
+                self.last_end += f"; cannot be analysed: {said}"
 
     @property
     def recording(self) -> Recording | None:
@@ -295,5 +303,8 @@ class Recorder(threading.Thread):
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)
             run.ended.set_exception(error)
         else:
-            log.info("recording ended, %s: %s", ending, why)
-            run.ended.set_result(EndedRun(path, {name: dict(counter) for name, counter in run.counters.items()}))
+            self._last_path = path
+            seal = run.writer.seal if run.writer else ""
+            log.info("recording ended, %s: %s; sealed as %s", ending, why, seal)
+            counters = {name: dict(counter) for name, counter in run.counters.items()}
+            run.ended.set_result(EndedRun(path, counters, seal))

@@ -37,10 +37,11 @@ class Started(_Answer):
 
 
 class Stopped(_Answer):
-    """A recording has ended."""
+    """A recording has ended. seal: SHA-256 of its ledger; empty of an older daemon."""
 
     run: str
     counters: dict[str, dict[str, int]]
+    seal: str = ""
 
 
 class Metrics(_Answer):

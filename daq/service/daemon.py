@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import shutil
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,8 @@ from rigs.text import plain
 
 log = logging.getLogger("rigd")
 _BRIEF = 80
+_MOST_SAID = 300
+"""Characters of what a client says of a run: a path, or a sentence."""
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
 """The time for a reader to close its port. One that waits for name resolution is abandoned, as is a long recovery."""
@@ -57,8 +59,11 @@ class Daemon:
         socket_path: Path,
         capture: Path | None = None,
         metrics: Path | None = None,
+        rig_file: Path | None = None,
     ) -> None:
-        """metrics: the file for Prometheus's node_exporter, or None."""
+        """metrics: the file for Prometheus's node_exporter, or None. rig_file: where the rig comes from; None for one
+        that any number of daemons may serve."""
+        self._rig_file = rig_file
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
         self._streams = streams_of(rig)
         self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
@@ -71,14 +76,14 @@ class Daemon:
         self._control = ControlServer(socket_path, self.answer)
         self._capture = CaptureWriter(capture, self._streams) if capture else None
         self._startup_recovery = StartupRecovery(runs)
-        self._lock: InstanceLock
+        self._locks = ExitStack()
         self._readers: list[Reader]
 
     def start(self) -> None:
         """Take the lock, open every link, start reading. Raises CellError that names every port that fails."""
         with ExitStack() as undo:
-            self._lock = InstanceLock.take(self._rig.name, self._socket_path.with_suffix(".lock"))
-            undo.callback(self._lock.release)
+            undo.enter_context(self._locks)
+            self._take_locks()
             links = self._open_links()
             for link in links.values():
                 undo.callback(link.close)
@@ -100,6 +105,17 @@ class Daemon:
         log.info("serving %s: %s; control socket %s", self._rig.name, ports, self._socket_path)
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
+    def _take_locks(self) -> None:
+        """Take the locks of the socket, the rig file and the directory of runs. Raises CellError where another daemon
+        holds one."""
+        socket_lock = self._socket_path.with_suffix(".lock")
+        self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
+        if self._rig_file:
+            self._locks.callback(InstanceLock.take_rig_file(self._rig_file).release)
+        with suppress(OSError):
+            self._runs.mkdir(parents=True, exist_ok=True)
+        self._locks.callback(InstanceLock.take_runs(self._rig.name, self._runs).release)
+
     def close(self, exit_status: Ending, why: str) -> Path | None:
         """Stop everything in order; return the directory of a recording that was cut short.
 
@@ -117,7 +133,7 @@ class Daemon:
         if self._capture:
             self._capture.stop(_LEAVE_S)
         self._maintenance.join(_LEAVE_S)
-        self._lock.release()
+        self._locks.close()
         return cut_short
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -133,9 +149,12 @@ class Daemon:
                 return {"run": str(self._arbiter.start(_label(request)))}
             case "record_stop":
                 ended = self._arbiter.stop()
-                return {"run": str(ended.path), "counters": ended.counters}
+                return {"run": str(ended.path), "counters": ended.counters, "seal": ended.seal}
+            case "judged":
+                self._recorder.note_end(_text_in(request, "run"), _text_in(request, "said"))
+                return {}
             case other:
-                known = "known: status, samples, metrics, record_start, record_stop"
+                known = "known: status, samples, metrics, record_start, record_stop, judged"
                 raise CellError("rigd", f"unknown command {_short(other)}", known)
 
     def _open_links(self) -> dict[str, Link]:
@@ -239,6 +258,14 @@ def _short(given: object) -> str:
     """Return what a client sent, shortened to fit into a line."""
     text = repr(given)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
+
+
+def _text_in(request: Mapping[str, Any], key: str) -> str:
+    """Return a text that a client sent, in one line that is not endless. Raises UseError."""
+    text = request.get(key)
+    if not isinstance(text, str):
+        raise UseError("judged", f"{key} {_short(text)} is not text", "send the run and what is wrong with it")
+    return plain(text[:_MOST_SAID])
 
 
 def _label(request: dict[str, Any]) -> Label:

@@ -1,6 +1,10 @@
 """One daemon for each rig: a lock beside its socket, in a directory that no other user can write.
 
 Somebody else's directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
+
+A socket can be given any name, so the rig file itself is locked as well, and in a directory of runs each rig: two
+daemons would ask the same instruments, and record the same lap twice. The system gives up every lock with its process,
+so none stays behind.
 """
 
 from __future__ import annotations
@@ -54,6 +58,36 @@ class InstanceLock:
         with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
+
+    @classmethod
+    def take_rig_file(cls, rig_file: Path) -> InstanceLock:
+        """Lock a rig file. Raises CellError if another daemon serves it."""
+        return cls._held(rig_file, os.O_RDONLY, "another rigd serves this rig file")
+
+    @classmethod
+    def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
+        """Lock a directory of runs for a rig: rigs may share one. Raises CellError if another daemon records this rig
+        there."""
+        path = runs / f".rigd-{rig}.lock"
+        return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
+
+    @classmethod
+    def _held(cls, path: Path, flags: int, refusal: str) -> InstanceLock:
+        """Lock a file. Where it cannot be opened, or its disk has no locks, there is none: what follows from that is
+        reported by those who need the file."""
+        try:
+            fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+        except OSError:
+            return cls(-1)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            raise CellError(str(path), refusal, "stop that one, or talk to it with rig status") from None
+        except OSError:
+            os.close(fd)
+            return cls(-1)
+        return cls(fd)
 
     def release(self) -> None:
         """Release the lock, so that another daemon can start."""

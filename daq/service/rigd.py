@@ -20,7 +20,8 @@ from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
 from daq.store.records import Ending
 from rigs.errors import RigError
-from rigs.load import load
+from rigs.load import SHIPPED, find, load
+from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -30,7 +31,10 @@ log = logging.getLogger("rigd")
 def main() -> None:
     """Run the command: the entry point of `rigd`."""
     forget_width_of_0()
-    app()
+    try:
+        app()
+    finally:
+        ignore_interrupts()
 
 
 @app.command()
@@ -57,8 +61,10 @@ def rigd(
     ends = _listen()
     try:
         rig, text = load(rig_file)
+        file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
+        own = None if file.is_relative_to(SHIPPED.resolve()) else file  # a shipped one is everybody's
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics(), own)
         daemon.start()
     except RigError as error:
         for line in error.lines():

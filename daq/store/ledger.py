@@ -39,27 +39,30 @@ class Entry(Record):
 
 @dataclass(frozen=True)
 class Verified:
-    """The lines of a ledger that verify. size: their bytes; last: SHA-256 of the last one; unread: bytes after it;
-    unread_lines: how many whole lines these hold, none where a crash has left one half-written."""
+    """The lines of a ledger that verify. size: their bytes; last: SHA-256 of the last one; seal: that of the
+    last seal, empty without one; unread: bytes after the last one; unread_lines: how many whole lines these hold, none
+    where a crash has left one half-written."""
 
     entries: tuple[Entry, ...] = ()
     size: int = 0
     last: str = ""
     unread: int = 0
     unread_lines: int = 0
+    seal: str = ""
 
 
 def verified(data: bytes) -> Verified:
     """Return the lines of a ledger up to the first that does not verify. Never raises."""
     entries: list[Entry] = []
-    size, last = 0, ""
+    size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
         entry = _entry(line, last)
         if entry is None:
             break
         entries.append(entry)
         size, last = size + len(line) + 1, line[len(b'{"sha256":"') :][:64].decode()
-    return Verified(tuple(entries), size, last, len(data) - size, data.count(b"\n", size))
+        seal = last if entry.seal else seal
+    return Verified(tuple(entries), size, last, len(data) - size, data.count(b"\n", size), seal)
 
 
 def _entry(line: bytes, before: str) -> Entry | None:
@@ -75,21 +78,35 @@ def _content(line: re.Match[bytes]) -> Entry | None:
     return None
 
 
-def claimed_rows(data: bytes, opening: str | None) -> Counter[str]:
-    """Return the rows of each sample stream that a ledger's seals claim, also in lines that do not verify.
+@dataclass(frozen=True)
+class Claim:
+    """What seals say of a run that no line proves any more: rows of each sample stream, and when it ended; None where
+    none says it."""
 
-    A seal holds that number twice, as rows and as samples: the smaller counts, so that a damaged digit makes no row
-    missing. opening: SHA-256 of the run's manifest; the ledger of another run claims nothing.
+    rows: Counter[str]
+    ended: str | None = None
+
+    def __or__(self, other: Claim) -> Claim:
+        """Return the more that both claim."""
+        return Claim(self.rows | other.rows, self.ended or other.ended)
+
+
+def claim_in(data: bytes, opening: str | None) -> Claim:
+    """Return what a ledger's seals claim, also in lines that do not verify.
+
+    A seal holds the number of rows twice, as rows and as samples: the smaller counts, so that a damaged digit makes no
+    row missing. opening: SHA-256 of the run's manifest; the ledger of another run claims nothing.
     """
-    found, claimed = verified(data), Counter[str]()
+    found, claimed, ended = verified(data), Counter[str](), None
     if found.entries and found.entries[0].opening != opening:
-        return claimed
+        return Claim(claimed)
     for line in data.split(b"\n"):
         entry = _content(match) if (match := _LINE.fullmatch(line)) else None
         if entry and entry.seal:
             samples = {stream: counts.get("samples", 0) for stream, counts in entry.seal.counters.items()}
             claimed |= Counter(entry.seal.rows) & Counter(samples)
-    return claimed
+            ended = entry.seal.ended or ended
+    return Claim(claimed, ended)
 
 
 def line_of(entry: Entry, before: str) -> tuple[bytes, str]:
@@ -121,6 +138,11 @@ class Ledger:
 
     def __init__(self, path: Path, fd: int, size: int, last: str) -> None:
         self.path, self.fd, self._size, self._last = path, fd, size, last
+
+    @property
+    def last(self) -> str:
+        """The SHA-256 of its last line, which stands for all of it."""
+        return self._last
 
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:

@@ -89,6 +89,7 @@ class Relabelling(Record):
 class Seal(Record):
     """How a recording ended, and how much it holds.
 
+    ended: None where nothing says when, because the recording was cut off: what came last may be missing as well.
     rows: of each stream, as many as were handed to the disk. counters: of each stream its samples, and its faults of
     each kind.
     """

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from daq.store import durable
 from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
-from daq.store.ledger import LEDGER, Entry, Ledger, claimed_rows, lines_of, read_ledger
+from daq.store.ledger import LEDGER, Claim, Entry, Ledger, claim_in, lines_of, read_ledger
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
 from daq.store.records import BEING_RECORDED, Chunk, Seal, chunk_name, no_run, parse_chunk, sha256
 from daq.store.run import left_over, read_chunk
@@ -155,11 +155,11 @@ def _entries_of(manifest: Manifest) -> list[Entry]:
     return [Entry(opening=sha256(manifest.opening())), *history, *chunks, *anchors]
 
 
-def _claimed_rows(path: Path) -> Counter[str]:
-    """Return the rows of each stream that the ledgers kept as torn claim, so that an interruption forgets none."""
-    entries, claimed = read_ledger(path).entries, Counter[str]()
+def _claimed(path: Path) -> Claim:
+    """Return what the ledgers kept as torn claim, so that an interruption forgets nothing of it."""
+    entries, claimed = read_ledger(path).entries, Claim(Counter())
     for torn in path.glob(f"{LEDGER}{TORN}*"):
-        claimed |= claimed_rows(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
+        claimed |= claim_in(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
     return claimed
 
 
@@ -261,7 +261,7 @@ class _Repair:
         self.done.losses[file.name] = f"{why}; kept as {torn.name}"
 
     def _seal(self) -> None:
-        was, claimed = self.manifest, _claimed_rows(self.path)
+        was, claimed = self.manifest, _claimed(self.path)
         held = {stream: self._rows(stream) for stream in self.manifest.all_streams}
         counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
         for stream in held.keys() & counters.keys():
@@ -269,8 +269,8 @@ class _Repair:
         seal = Seal(
             exit_status="recovered",
             reason="the recording crashed" if was.exit_status == "recording" else was.reason,
-            ended=was.ended,
-            rows={stream: max(rows, was.rows.get(stream, 0), claimed[stream]) for stream, rows in held.items()},
+            ended=was.ended or claimed.ended,
+            rows={stream: max(rows, was.rows.get(stream, 0), claimed.rows[stream]) for stream, rows in held.items()},
             counters=counters,
         )
         self.ledger.append(Entry(seal=seal))

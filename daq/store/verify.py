@@ -11,13 +11,16 @@ import numpy as np
 import pyarrow as pa
 
 from daq.store import durable
-from daq.store.ledger import LEDGER, read_ledger
+from daq.store.ledger import LEDGER, Verified, read_ledger
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
 from daq.store.records import BEING_RECORDED, sha256, to_recover
 from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
+
+END_UNKNOWN = "before its end, which was never sealed: rows after the last one may be missing"
+"""What is known of the end of a run that was cut off, by a crash or by somebody."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,17 @@ class Gap:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run was found to be. problems: what is wrong with it, one line each, beside the rows that are missing."""
+    """What a run was found to be. problems: what is wrong with it, one line each, beside the rows that are missing.
+
+    end_known: whether anything says where the run ended; without that nothing proves that its last rows are there.
+    seal: SHA-256 of the seal in its ledger, which `rig record stop` printed; empty without one.
+    """
 
     path: Path
     is_sealed: bool = False
     is_recovered: bool = False
+    end_known: bool = True
+    seal: str = ""
     gaps: tuple[Gap, ...] = ()
     problems: tuple[str, ...] = ()
 
@@ -57,7 +66,8 @@ class Verdict:
             return f"{self.path}: not whole"
         sealed = "" if self.is_sealed else "; sealed: no, the run was recorded by an older version"
         if self.is_recovered:
-            return f"{self.path}: recovered: {missing or 'no'} rows are known to be missing{sealed}"
+            end = "" if self.end_known else f" {END_UNKNOWN}"
+            return f"{self.path}: recovered: {missing or 'no'} rows are known to be missing{end}{sealed}"
         return f"{self.path}: whole{sealed}"
 
 
@@ -94,7 +104,8 @@ def judge(path: Path) -> Verdict:
     """
     try:
         manifest = load_manifest(path)
-        ledger = _ledger(path, manifest)
+        found = _read_ledger(path)
+        ledger = _ledger(path, manifest, found)
     except FileError as error:
         return Verdict(path, problems=(str(error),))
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
@@ -109,6 +120,8 @@ def judge(path: Path) -> Verdict:
         path,
         manifest.is_sealed,
         recovered,
+        not recovered or manifest.ended is not None,
+        found.seal,
         tuple(gap for stream in streams for gap in stream.gaps),
         (
             *(ledger or _table(path, manifest)), *_manifest(path, manifest, is_recorded=is_recorded),
@@ -117,13 +130,16 @@ def judge(path: Path) -> Verdict:
     )  # fmt: skip
 
 
-def _ledger(path: Path, manifest: Manifest) -> list[str]:
-    if manifest.version == 1:
-        return []
+def _read_ledger(path: Path) -> Verified:
     try:
-        found = read_ledger(path)
+        return read_ledger(path)
     except OSError as error:
         raise unreadable(path / LEDGER, error) from None
+
+
+def _ledger(path: Path, manifest: Manifest, found: Verified) -> list[str]:
+    if manifest.version == 1:
+        return []
     if not found.entries:
         return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
     if found.unread and manifest.exit_status != "recording":

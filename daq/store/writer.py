@@ -73,6 +73,8 @@ class RunWriter:
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
     """Anchors that are not in the ledger yet."""
+    seal: str = ""
+    """After `close`: SHA-256 of the seal in its ledger, which stands for all that the run holds."""
     lost: Counter[str] = field(default_factory=Counter)
     """After `close`: samples of each stream that it could not save, themselves or as a count of dropped ones."""
 
@@ -225,6 +227,8 @@ class RunWriter:
         )
         if unsealed := _attempt(partial(self._ledger.append, Entry(seal=seal))):
             problems.append(unsealed)
+        else:
+            self.seal = self._ledger.last
         self._count_lost(sealed=not unsealed)
         for writer in self._writers.values():
             writer.release()

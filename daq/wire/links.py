@@ -27,6 +27,7 @@ from typing import Any
 import serial
 
 from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.wire.serial_port import line_errors
 
 _WRITE_S = 2.0
 DEAD_S = 10.0
@@ -100,16 +101,30 @@ class Link:
         """Take note of what the conversation made of the data that was read last."""
 
     def take_ignored(self) -> list[Fault]:
-        """Return, as faults, what came from other senders since the last call and was ignored."""
+        """Return, as faults, what came since the last call and is in no item: from other senders, or damaged."""
         return []
 
 
 class SerialLink(Link):
-    """A serial port."""
+    """A serial port; what it counts as lost and damaged is looked up once a second."""
 
     def __init__(self, name: str, device: serial.Serial) -> None:
         super().__init__(name, device.fileno(), device.close)
         self._device = device
+        self._errors = line_errors(self._fd)
+        self._looked_s = time.monotonic()
+
+    def take_ignored(self) -> list[Fault]:
+        if time.monotonic() - self._looked_s < _REPORT_EVERY_S:
+            return []
+        before, self._errors, self._looked_s = self._errors, line_errors(self._fd), time.monotonic()
+        more = {name: count - before.get(name, 0) for name, count in self._errors.items()}
+        told = ", ".join(f"{count} {name}" for name, count in more.items() if count > 0)
+        if not told:
+            return []
+        detail = f"characters lost or damaged on the way, by the count of the port: {told}; check the cable, its length"
+        count = sum(max(0, count) for count in more.values())
+        return [Fault(FaultKind.LINE, time.monotonic_ns(), f"{detail}, and the line's settings", count)]
 
     def set_dtr(self, on: bool) -> None:
         try:

@@ -7,6 +7,8 @@ the first byte.
 from __future__ import annotations
 
 import errno
+import fcntl
+import struct
 import termios
 from pathlib import Path
 
@@ -15,23 +17,46 @@ import serial
 from rigs.errors import CellError
 from rigs.schema.links import Line, ModemLines
 
+_PLUGGED = ("ttyUSB*", "ttyACM*", "ttyXRUSB*", "rfcomm*")
+_BUILT_IN = ("ttyS*", "ttyAMA*")
 _LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _IFLAG = 0
 """Place of the input modes in what tcgetattr gives."""
+_COUNTS = struct.Struct("@20i")
+"""`struct serial_icounter_struct` of linux/serial.h: what `TIOCGICOUNT` fills in."""
+_PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "no room in the port": 10}
+"""Places of its counts of lost and damaged characters, by their names in a report."""
+_TIOCGICOUNT = 0x545D
+"""asm-generic/ioctls.h; x86 and ARM have it, and the termios of Python does not."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 def port_names(root: Path = Path("/")) -> list[str]:
-    """Return the serial ports that are plugged in, by the name to write into a rig file: one that lasts, if any.
+    """Return the serial ports of this computer, by the name to write into a rig file: one that lasts, if any.
 
-    root: where /dev is.
+    Those that are plugged in come first, then those that are built in; names without a chip behind them are left out.
+    root: where /dev and /sys are.
     """
     found = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
-    found += sorted(file for kind in ("ttyUSB*", "ttyACM*") for file in (root / "dev").glob(kind))
+    found += sorted(file for kind in _PLUGGED for file in (root / "dev").glob(kind))
+    found += sorted(file for kind in _BUILT_IN for file in (root / "dev").glob(kind) if _has_chip(file.name, root))
     best: dict[Path, Path] = {}
     for file in found:
         best.setdefault(file.resolve(), file)
     return [f"/{file.relative_to(root)}" for file in best.values()]
+
+
+def is_built_in(port: str) -> bool:
+    """Return whether a port is part of the computer, so that it is there also where nothing is plugged into it."""
+    return any(Path(port).resolve().match(f"/dev/{kind}") for kind in _BUILT_IN)
+
+
+def _has_chip(name: str, root: Path) -> bool:
+    """Whether a built-in port is more than a name: a PC has /dev/ttyS0 to 31, most of them without a chip."""
+    try:
+        return (root / "sys/class/tty" / name / "type").read_text().strip() != "0"  # PORT_UNKNOWN of serial_core.h
+    except OSError:
+        return False
 
 
 def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
@@ -76,6 +101,18 @@ def _check_parity(fd: int) -> None:
     settings = termios.tcgetattr(fd)
     settings[_IFLAG] |= termios.INPCK
     termios.tcsetattr(fd, termios.TCSANOW, settings)
+
+
+def line_errors(fd: int) -> dict[str, int]:
+    """Return how many characters the port has counted as lost or damaged, by what happened to them.
+
+    Empty where it does not count: a pty, and adapters whose driver has no such counts.
+    """
+    try:
+        counts = _COUNTS.unpack(fcntl.ioctl(fd, _TIOCGICOUNT, bytes(_COUNTS.size)))
+    except (OSError, ValueError):
+        return {}
+    return {name: counts[place] for name, place in _PLACES.items()}
 
 
 def _serial_problem(error: serial.SerialException) -> tuple[str, str]:

@@ -46,6 +46,15 @@ class _Feedback(Part):
     """Without a message for so long it counts as silent."""
 
 
+class NoFeedback(_Feedback):
+    """No robot is read: the cell is measured by a tracker alone. No rig file names it."""
+
+    listens: ClassVar[bool] = False
+
+    interface: Literal["none"] = "none"
+    port: str = ""
+
+
 class URRTDE(_Feedback):
     """Universal Robots, Real-Time Data Exchange."""
 

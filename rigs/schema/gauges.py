@@ -89,9 +89,9 @@ class Gauges(Part):
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
         """Name and gauge of the one or two that tests measure with, in order."""
-        yield "g1", self.g1
-        if self.g2 is not None:
-            yield "g2", self.g2
+        for name in ("g1", "g2"):
+            if (gauge := getattr(self, name)) is not None:
+                yield name, gauge
 
     @property
     def recorded(self) -> dict[str, Gauge]:
@@ -105,11 +105,15 @@ class Gauges(Part):
         return self.g1.offset_mm - (self.g2.offset_mm if self.g2 else 0.0)
 
 
+NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
+"""The gauges of a cell that a tracker measures alone: none."""
+
+
 def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:
     """Raise ValueError where two gauges on one port cannot share it."""
     if one.interface == other.interface and not (one.shares or one.bus):
         raise ValueError(f"{one.interface} carries one gauge a port, not two; give {second} its own port")
-    own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
+    own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
     common = {"interface", "line", "framing"} if one.bus else type(one).model_fields.keys() - own
     for key in sorted(common):
         settings = [getattr(gauge, key, "none") for gauge in (one, other)]

@@ -14,6 +14,7 @@ from rigs.schema.part import Length, Part
 from rigs.schema.timing import Timing
 
 Units = Literal["mm", "um", "inch"]
+Counts = Literal["away", "towards"]
 MM_PER_UNIT: dict[Units, float] = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
 
 
@@ -48,6 +49,9 @@ class Probe(Part):
     """Its place in an answer that several gauges on one port share; 1 where an instrument carries one gauge."""
     units: Units = "mm"
     """What the instrument is set to; a reading that comes in another unit is a fault, never a value."""
+    counts: Counts = "away"
+    """When its reading grows: as the tool moves away from the ball, or towards it, as most gauges do whose plunger is
+    pushed in by that. A run keeps the reading as it is shown."""
     offset_mm: Length
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
@@ -66,6 +70,11 @@ class Probe(Part):
     def modem(self) -> ModemLines | None:
         """The modem lines that its cable needs; None where it needs none, and both are on."""
         return None
+
+    @property
+    def sign(self) -> int:
+        """What a reading is multiplied by to grow with the distance from the ball."""
+        return 1 if self.counts == "away" else -1
 
     @property
     def place(self) -> str:

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from rigs.errors import FileError
+from daq.acquisition.streams import streams_of
+from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
 from rigs.schema.certificate import Certificate
@@ -399,3 +400,22 @@ def test_the_day_that_a_certificate_is_due() -> None:
 def test_a_file_that_says_calibrated_still_reads() -> None:
     old = TEXT.replace("accuracy_mm: 0.0005", "accuracy_mm: 0.0005\n    calibrated: 2026-05-11", 1)
     assert parse(old, "cell.yaml").gauges.g1.certificate is None
+
+
+def _with(**sections: object) -> str:
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    kept = {"name": "tracker", "robot": data["robot"]}
+    return yaml.safe_dump(kept | {name: data[name] for name in sections})
+
+
+def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None:
+    rig = parse(_with(), "tracker")
+    assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
+    with pytest.raises(CellError, match="has no gauges and no feedback"):
+        streams_of(rig)
+
+
+@pytest.mark.parametrize(("there", "lacks"), [("gauges", "feedback"), ("feedback", "gauges")])
+def test_gauges_and_feedback_are_there_together_or_not_at_all(there: str, lacks: str) -> None:
+    with pytest.raises(RigFileError, match=f"{there} without {lacks}: rigd records both together; add {lacks}"):
+        parse(_with(**{there: True}), "tracker")

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import signal
 import sys
+import threading
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -18,13 +20,15 @@ from analysis import cli
 
 def ended(*words: str | Path) -> int:
     """What a command ends with, called as a person calls it."""
-    before = sys.argv
+    before, interrupted = sys.argv, signal.getsignal(signal.SIGINT)
     sys.argv = ["rig", *map(str, words)]
     try:
         with pytest.raises(SystemExit) as end:
             cli.main()
     finally:
         sys.argv = before
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, interrupted)
     return int(end.value.code or 0)
 
 

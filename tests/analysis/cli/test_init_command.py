@@ -58,6 +58,11 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
             person.asked("Push gauge 1")
             unknown.hand.mm["g2"] += 1.0  # it is the second one that is on the positive side
             person.asked("g1: ")
+            person.asked("counts towards")
+            person.asked("Push gauge 2")
+            unknown.hand.mm["g1"] -= 1.0
+            person.asked("g2: ")
+            person.asked("counts away")
             if gauges == "micro_epsilon":
                 person.answers("range_mm of g1", "10")
                 person.answers("range_mm of g2", "10")
@@ -71,6 +76,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
     names = {name: gauge.port if gauges != "keyence" else f"#{gauge.channel}" for name, gauge in rig.gauges}
     first, second = unknown.gauge_ports if gauges != "keyence" else ("#1", "#2")
     assert names == {"g1": second, "g2": first}
+    assert [gauge.counts for _, gauge in rig.gauges] == ["towards", "away"]
     assert rig.feedback.port == unknown.robot
     assert not rig.effects and "# " in text
     assert rig.limits.of("yaw", "circular_deviation_mm") == Limit(watch=0.125, fail=0.25)

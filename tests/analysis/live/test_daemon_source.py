@@ -206,6 +206,12 @@ def test_values_that_are_not_there_are_left_out() -> None:
     assert tracks["g1"].t_s.tolist() == [1, 2] and tracks["g2"].values.tolist() == [[0.3]] and "robot" not in tracks
 
 
+def test_readings_of_a_gauge_that_counts_towards_are_turned() -> None:
+    streams = {"g1_g2": {"newest": 1, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, 0.2]]}}
+    tracks = tracks_of(streams, (1, -1))
+    assert tracks["g1"].values.tolist() == [[0.1]] and tracks["g2"].values.tolist() == [[-0.2]]
+
+
 def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path: Path) -> None:
     with Bench(tmp_path) as bench:
         bench.start().all_reading()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from analysis import evaluate, load_run
@@ -15,8 +16,9 @@ from analysis.reporting.run_object import as_object
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
-from rigs.load import load
+from rigs.load import SHIPPED, load
 from tests.support import planted
+from tests.support.command_line import ran
 from tests.support.written_runs import import_table
 
 UR10 = Path(__file__).parents[4] / "shared" / "data" / "ipa-ur10"
@@ -170,3 +172,22 @@ def test_without_visits_nobody_knows_the_orientations_uncertainty_and_json_says_
     figures = json.loads(told)["runs"][0]["figures"]
     assert figures["rms_deg"]["u"] is None
     assert figures["rms_mm"]["u"] > 0
+
+
+def test_poses_need_neither_gauges_nor_feedback(tmp_path: Path) -> None:
+    """A cell with a tracker alone: nothing is invented, and what needs gauges is refused in one line."""
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    rig = tmp_path / "tracker.yaml"
+    rig.write_text(yaml.safe_dump({"name": "tracker", "robot": data["robot"]}))
+    q = np.random.default_rng(3).uniform(-2, 2, (30, 6))
+    places = forward(arm_of(load(rig)[0].robot), q)[:, :3, 3]
+    rows = [",".join(f"{value:.6f}" for value in (*np.degrees(a), *b)) for a, b in zip(q, places, strict=True)]
+    table = tmp_path / "poses.csv"
+    table.write_text("\n".join(["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm", *rows]))
+    import_table(table, tmp_path / "run", rig_file=str(rig), test="pose")
+    assert evaluate(load_run(tmp_path / "run")).figures["rms_mm"].value < 1e-4
+    checked = ran("check", rig)
+    assert checked.returncode == 0 and "no gauges: for poses of a tracker" in checked.stdout
+    for words, code in ((["simulate", rig, "--test", "radial", "-o", tmp_path / "x"], 3), (["emulate", rig], 3)):
+        done = ran(*words)
+        assert done.returncode == code and len(done.stderr.strip().splitlines()) == 1, done.stderr

@@ -88,8 +88,14 @@ def test_what_certificates_leave_uncertain() -> None:
     assert link_excess_mm(rig) == pytest.approx(400.02 * (1 + 2e-5) - 400)
 
 
-def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(tmp_path: Path) -> None:
-    text = _text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1))
+@pytest.mark.parametrize("counts", [("away", "away"), ("towards", "towards"), ("away", "towards")])
+def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(
+    tmp_path: Path, counts: tuple[str, str]
+) -> None:
+    """Whichever way its gauges count, their readings grow with the distance from the ball."""
+    data = yaml.safe_load(_text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1)))
+    data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = counts
+    text = yaml.safe_dump(data)
     rig = parse(text, "certified")
     plain = trace(rig, "acw")
     assert any(np.ptp(column) > 1 for column in plain.g_mm.T)
@@ -208,8 +214,9 @@ def _edited(run: Run, **words: str) -> Run:
 def _shown(rig: Rig, g_mm: np.ndarray) -> np.ndarray:
     shown = g_mm.copy()
     for column, (_, gauge) in enumerate(rig.gauges):
+        shown[:, column] *= gauge.sign
         if gauge.certificate:
-            shown[:, column] = as_shown(gauge.certificate, g_mm[:, column], rig.temperature)
+            shown[:, column] = as_shown(gauge.certificate, shown[:, column], rig.temperature)
     return shown
 
 

@@ -75,3 +75,21 @@ def test_named_ports_are_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_a_terminal_no_port_is_opened_that_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     searched, said = asked(monkeypatch, "", terminal=False)
     assert not searched and "--port" in said
+
+
+def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What prints a line escapes what would end it: a question with line feeds in it showed them as text."""
+    given = list[str]()
+    master, slave = os.openpty()
+    os.write(master, b"\x04")
+    monkeypatch.setattr(gauge_questions, "ports_here", lambda: HERE)
+    try:
+        with os.fdopen(slave) as keyboard, pytest.raises(Stopped):
+            dialogue = Dialogue(
+                given.append, lambda doing: nullcontext(lambda doing: None), True, keyboard, io.StringIO()
+            )
+            ask_gauges(Answers(), options(), dialogue)
+    finally:
+        os.close(master)
+    assert "leads to another kind of machine: it may take a request for a command." in given
+    assert [line for line in given if "\n" in line] == []

@@ -161,3 +161,53 @@ def _create(folder: Path, label: Label) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
     return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
+def test_a_gauge_whose_unit_was_changed_in_a_recording_is_told_once(factor: float) -> None:
+    """Also one that sends registers, which have no decimals to show it."""
+
+    def reads(t_s: float) -> float:
+        return (0.9 + _fine(t_s / 10)) * (factor if t_s >= 30 else 1.0)
+
+    (told,) = _seen(60, reads, lambda t_s: 3 * t_s)
+    assert told.kind is FaultKind.UNIT_CHANGED and abs(told.at_ns - 30 * S) <= S // 10 and "in/mm" in told.detail
+
+
+@pytest.mark.parametrize(
+    "reads",
+    [
+        lambda t_s: 0.9 + _fine(t_s),
+        lambda t_s: 1e-3 * round(math.sin(7 * t_s)),
+        lambda t_s: 0.0001 * (-1) ** round(10 * t_s),
+        lambda t_s: 2.54 if t_s < 30 else 0.1 + t_s,
+        lambda t_s: 5.08 / 25.4 if 30 <= t_s < 30.05 else 5.08 + _fine(t_s),
+    ],
+    ids=["moves", "a coarse one at zero", "noise at zero", "leaves the ball", "one reading alone"],
+)
+def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads: Callable[[float], float]) -> None:
+    assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
+
+
+def test_a_gauge_that_was_frozen_for_a_second_is_told_when_it_goes_on() -> None:
+    def reads(t_s: float) -> float:
+        return _fine(21.5 if 21.5 <= t_s < 22.7 else t_s)
+
+    (told,) = _seen(40, reads, lambda t_s: 6 * t_s)
+    assert told.kind is FaultKind.DOUBTFUL and abs(told.at_ns - 22.7 * S) <= S // 10
+    assert "for 1.1 s while the robot moved" in told.detail and "then jumped by 0.1" in told.detail
+    assert "HOLD" in told.detail
+
+
+@pytest.mark.parametrize(
+    ("reads", "turns"),
+    [
+        (lambda t_s: round(0.02 * math.sin(t_s / 5), 3), lambda t_s: 6 * t_s),
+        (lambda t_s: _fine(20.0 if 20 <= t_s < 30 else t_s), lambda t_s: 6 * min(t_s, 20.0) + 6 * max(0.0, t_s - 30)),
+    ],
+    ids=["a coarse one turns round", "the robot stands"],
+)
+def test_a_gauge_that_only_rests_was_not_frozen(
+    reads: Callable[[float], float], turns: Callable[[float], float]
+) -> None:
+    assert _seen(60, reads, turns) == []

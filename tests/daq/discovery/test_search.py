@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import importlib
 import os
 import signal
 import termios
@@ -15,9 +16,10 @@ from typing import TypeVar
 
 import pytest
 
-from daq.discovery import PortReport, Wanted, Watch, named_attempts, search
+from daq.discovery import PortReport, Wanted, Watch, named_attempts, ports_here, search
 from daq.discovery.attempts import Attempt, attempts
 from daq.emulators.pty_line import PtyLine
+from daq.wire.serial_port import port_names
 from rigs.errors import CellError
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S
@@ -47,6 +49,30 @@ def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
         measured = [10 * (value + 5) for value in measured]
     assert [gauge.reading_mm for gauge in found] == pytest.approx(measured, abs=0.006)
     assert {gauge.lacks for gauge in found} == {("range_mm",) if kind == "micro_epsilon" else ()}
+
+
+def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = importlib.import_module("daq.discovery.search")  # its package has a function of the same name
+    monkeypatch.setattr(module, "is_built_in", lambda port: True)
+    # private: the real limit is 20 s
+    monkeypatch.setattr(module, "_SILENT_S", 0.5)
+    line = PtyLine.open(Line.model_validate("9600 8N1"))
+    try:
+        (report,) = searched(line.port)
+    finally:
+        line.close()
+    assert not report.gauges and "a built-in port is not tried for longer" in report.problem
+
+
+def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> None:
+    """A PC has 32 names of which most have no chip behind them."""
+    (tmp_path / "dev").mkdir()
+    for name, kind in [("ttyS0", "4"), ("ttyS1", "0"), ("ttyUSB0", "")]:
+        (tmp_path / "dev" / name).touch()
+        (tmp_path / "sys/class/tty" / name).mkdir(parents=True)
+        (tmp_path / "sys/class/tty" / name / "type").write_text(f"{kind}\n")
+    assert port_names(tmp_path) == ["/dev/ttyUSB0", "/dev/ttyS0"]
+    assert list(ports_here()) == port_names()
 
 
 def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
@@ -215,6 +241,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
                 assert watch.pushed(places) is None
             unknown.hand.mm["g2"] += 1.5
             place = _awaited(lambda: watch.pushed(places))
+            assert watch.grows(place)
             watch.rest()
             unknown.hand.mm["g2"] -= 1.5
             unknown.hand.mm["g1"] += 1.5

@@ -68,7 +68,7 @@ DEVICES = [
     ("tesa_tt", b"XX\r", b"ERR1\r\n", b"ERR1\r\n"),
     ("mahr_c1202", b"M1?\r", b"1 -001.5000 mm\r", b"1 ERR6\r"),
     ("mahr_c1202", b"?\r", b"1 -001.5000 mm;2 ERR6;3 ERR6\r", b"1 ERR6;2 ERR6;3 ERR6\r"),
-    ("mahr_c1208", b"?\r", b"-01.5000mm\r\n", b""),
+    ("mahr_c1208", b"?\r", b"-001.5000mm\r\n", b""),
     ("heidenhain_nd281b", b"\x02", b"-    1.5000    \r\n", b"+    0.0000 ?  \r\n"),
     ("heidenhain_nd281b", b"\x05", b"NO ERROR     \r\n", b"NO ERROR     \r\n"),
     ("heidenhain_nd287", b"\x1bA0100\r", b"\x02-    1.5000\r\n", b"\x02SIGNAL ERROR \r\n"),

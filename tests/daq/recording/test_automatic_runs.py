@@ -49,7 +49,7 @@ def cell(tmp_path: Path) -> Iterator[Bench]:
 
 
 def _ended(bench: Bench) -> list[tuple[Path, Manifest]]:
-    found = [(path, load_manifest(path)) for path in sorted((bench.folder / "runs").iterdir())]
+    found = [(path, load_manifest(path)) for path in sorted((bench.folder / "runs").glob("[!.]*"))]
     return [(path, manifest) for path, manifest in found if manifest.exit_status != "recording"]
 
 

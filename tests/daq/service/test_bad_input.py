@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from daq.service.client import Client
-from daq.store import read_run
+from daq.store import judge, read_run
 from rigs.errors import RigError
 from tests.support.bench import BIN, OFF, Bench, rig_text
 from tests.support.child_processes import until
@@ -114,7 +114,11 @@ def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: B
     run = read_run(path)
     assert run.manifest.counters["g2"]["silent"] >= 1
     assert done.stdout == f"{path}\n"
-    assert done.stderr == f"g2: {run.manifest.counters['g2']['silent']} silent while recording\n"
+    silent, seal, why = done.stderr.splitlines()
+    assert silent == f"g2: {run.manifest.counters['g2']['silent']} silent while recording"
+    assert seal == f"seal: {judge(path).seal}"
+    assert why == "cannot be analysed: the robot stood still; drive it again"
+    assert "cannot be analysed: the robot stood still" in bench.status()["last_end"]
     assert any(fault["kind"] == "silent" and fault["stream"] == "g2" for fault in run.faults)
     assert len(run.streams["g2"]["g2_mm"]) > 20
 
@@ -393,3 +397,20 @@ def test_help_of_every_command(bench: Bench) -> None:
         assert command in top
         done = bench.run("rig", command, "--help")
         assert done.returncode == 0 and "Usage: rig" in done.stdout
+
+
+@pytest.mark.parametrize("alike", ["rig file", "runs"])
+def test_a_second_daemon_with_another_socket_is_refused(bench: Bench, alike: str) -> None:
+    """By a link to the rig file with runs of its own, and by a copy of it with the same runs."""
+    bench.start().all_reading()
+    other = bench.folder / "other.yaml"
+    if alike == "rig file":
+        other.symlink_to(bench.rig)
+    else:
+        other.write_text(bench.rig.read_text())
+    runs = "other-runs" if alike == "rig file" else "runs"
+    done = bench.run("rigd", other, "--runs", runs, "--socket", bench.folder / "other" / "second.sock")
+    assert done.returncode == 4 and "another rigd" in done.stderr and "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    bench.signalled(signal.SIGKILL)
+    bench.start().all_reading()

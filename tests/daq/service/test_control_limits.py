@@ -177,7 +177,7 @@ def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int
             opened.enter_context(connected(bench.socket))
         bench.recorded(min(before.values()) + 50)
         done = bench.run("rig", "record", "stop")
-        assert done.returncode == 0 and done.stderr == ""
+        assert done.returncode == 0 and "while recording" not in done.stderr
         second = bench.record("second")
         assert bench.run("rig", "record", "stop").returncode == 0
     for run in (path, second):

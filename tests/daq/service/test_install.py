@@ -53,6 +53,29 @@ def _people_s(root: Path) -> dict[Path, str]:
     return files
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="root alone installs for everybody")
+@pytest.mark.parametrize(
+    ("mode", "owner", "refused"), [(0o666, 0, True), (0o644, 65534, True), (0o644, 0, False), (0o664, 0, False)]
+)
+def test_a_checkout_that_others_can_write_is_not_run_by_root(
+    tmp_path: Path, mode: int, owner: int, refused: bool
+) -> None:
+    """Its Python is none, so that it ends there where it is not refused before."""
+    (tmp_path / "scripts").mkdir(mode=0o755)
+    install = Path(shutil.copy(INSTALL, tmp_path / "scripts" / "install"))
+    written = tmp_path / "scripts" / "anything.py"
+    written.touch()
+    os.chown(written, owner, -1)
+    written.chmod(mode)
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("SUDO_")}
+    command = ["bash", install]
+    done = subprocess.run(
+        command, check=False, capture_output=True, text=True, env=alone | {"PYTHON": "/nonexistent/python3"}
+    )
+    assert done.returncode == 1 and ("anything.py can be written by others" in done.stderr) == refused, done.stderr
+    assert ("is no Python" in done.stderr) != refused
+
+
 def test_the_addresses_of_each_rig_file_are_allowed(tmp_path: Path) -> None:
     """With a Python that stands for the installed one: which rig needs what is test_addresses."""
     python = tmp_path / "opt/rig/bin/python"

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from daq.store import judge, load_manifest, read_run, recover, relabel, verify
-from daq.store.ledger import Entry, Ledger, line_of, verified
+from daq.store.ledger import Entry, Ledger, claim_in, line_of, verified
+from daq.store.verify import END_UNKNOWN
 from rigs.errors import CellError, FileError
 from tests.support.store_cases import (
     assert_holds,
@@ -33,6 +34,8 @@ from tests.support.store_cases import (
     start,
 )
 
+CUT = f"recovered: no rows are known to be missing {END_UNKNOWN}"
+"""A run of which nothing says where it ended."""
 OLD = Path(__file__).parent / "data"
 """Runs as they were recorded before there was a ledger: version-1 of 20 rows, version-1-crashed of 12."""
 
@@ -136,7 +139,8 @@ def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, data: st.Dat
         copy = Path(shutil.copytree(run, run.with_name("copy"), dirs_exist_ok=True))
         assert not recover(copy).nothing_to_do and recover(copy).nothing_to_do
         assert_holds(read_run(copy), 20)
-        assert said(copy) == "recovered: no rows are known to be missing"
+        ended = claim_in(spoilt, verified(good).entries[0].opening).ended
+        assert said(copy) == ("recovered: no rows are known to be missing" if ended else CUT)
         shutil.rmtree(copy)
 
 
@@ -180,14 +184,14 @@ def test_a_seal_of_another_run_claims_nothing(run: Path, tmp_path: Path) -> None
     shutil.copy(finished(tmp_path / "other") / "ledger.jsonl", run / "ledger.jsonl.torn")
     (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)[:-1]))
     recover(run)
-    assert said(run) == "recovered: no rows are known to be missing"
+    assert said(run) == CUT
 
 
 def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
     (run / "ledger.jsonl").unlink()
     assert "ledger.jsonl: is missing or damaged from its first line on; run `rig recover" in said(run)
     recover(run)
-    assert said(run) == "recovered: no rows are known to be missing"
+    assert said(run) == CUT
     assert load_manifest(run).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
 
 
@@ -296,7 +300,7 @@ def test_an_old_crash_is_recovered_and_sealed(tmp_path: Path, lost: str | None) 
     with pytest.raises(FileError, match="rig recover"):
         read_run(path)
     assert not recover(path).nothing_to_do and recover(path).nothing_to_do
-    assert said(path) == "recovered: no rows are known to be missing"
+    assert said(path) == CUT
     assert_holds(read_run(path), 12)
 
 
@@ -344,4 +348,29 @@ def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     assert said(path).startswith("not whole") and "was never ended" in said(path)
     recover(path)
-    assert said(path) == "recovered: no rows are known to be missing"
+    assert said(path) == CUT
+
+
+def test_a_run_whose_end_was_cut_off_is_never_said_to_lack_nothing(tmp_path: Path) -> None:
+    """The last lines of its ledger, their chunks and its seal are gone: nothing says how much it held."""
+    run = finished(tmp_path)
+    was = judge(run)
+    assert len(was.seal) == 64 and was.end_known
+    lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
+    for line in lines[-4:-1]:
+        (run / json.loads(line)["chunk"]["file"]).unlink()
+    (run / "ledger.jsonl").write_bytes(b"".join(lines[:-4]))
+    done = CliRunner().invoke(app, ["recover", str(run)])
+    assert done.exit_code == 0 and "its end was never sealed" in done.stdout
+    assert END_UNKNOWN in said(run) and not judge(run).end_known
+    verified_as = CliRunner().invoke(app, ["verify", str(run), "--seal", was.seal])
+    assert verified_as.exit_code == 3 and "not the one given" in verified_as.output
+
+
+def test_the_seal_stays_the_one_that_was_printed(run: Path, tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    writer.close("complete", "told to stop", {})
+    assert judge(writer.path).seal == writer.seal != judge(run).seal
+    relabel(writer.path, operator="somebody else")
+    assert judge(writer.path).seal == writer.seal
+    assert CliRunner().invoke(app, ["verify", str(writer.path), "--seal", writer.seal]).exit_code == 0

@@ -7,6 +7,7 @@ import os
 import struct
 import termios
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,8 @@ from daq.acquisition.streams import streams_of
 from daq.doctor import trial
 from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample, Step
+from daq.wire import links, serial_port
+from daq.wire.links import SerialLink
 from daq.wire.opening import open_link
 from daq.wire.session import run_conversation
 from rigs.interfaces import known
@@ -219,3 +222,31 @@ def test_a_request_that_is_echoed_is_no_answer(interface: str, request_: bytes, 
         script.receive(heard[k : k + cut], script.now_ns + 1)
     (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (1.5,) and sample.size == len(reply)
+
+
+def test_what_the_port_counts_as_lost_or_damaged_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pty counts nothing, so the counts are given; their places are those of `linux/serial.h`."""
+    counts, now_s = [0] * 20, [0.0]
+    monkeypatch.setattr(serial_port.fcntl, "ioctl", lambda fd, request, room: struct.pack("@20i", *counts))
+    monkeypatch.setattr(links.time, "monotonic", lambda: now_s[0])
+    master, slave = os.openpty()
+    try:
+        link = SerialLink("g1", SimpleNamespace(fileno=lambda: slave, close=lambda: None))
+        counts[6:9], counts[10], now_s[0] = [2, 3, 4], 1, 2.0
+        (fault,) = link.take_ignored()
+        assert (fault.kind, fault.count) == (FaultKind.LINE, 10)
+        assert "3 overrun, 2 wrong framing, 4 wrong parity, 1 no room in the port" in fault.detail
+        now_s[0] = 4.0
+        assert link.take_ignored() == []
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_port_that_counts_nothing_has_no_line_errors() -> None:
+    master, slave = os.openpty()
+    try:
+        assert serial_port.line_errors(slave) == {}
+    finally:
+        os.close(master)
+        os.close(slave)
