@@ -21,7 +21,7 @@ import numpy as np
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array, Mask, pose_error
 from analysis.model.predict import model_of
-from rigs.effects import Effect, JointOffset, LinkGeometry
+from rigs.effects import Effect, changed, turned
 from rigs.rig import Rig
 
 _LEVER_MM = 100.0
@@ -51,14 +51,7 @@ class Constant:
 
     def effect(self, value: float) -> Effect:
         """Return the effect of a change by `value`, in mm or degrees."""
-        unchanged: JointOffset | LinkGeometry
-        if self.key == "q_deg":
-            unchanged, size = JointOffset.model_validate({"axis": self.axis}), "offset_deg"
-        else:
-            seat = {"axis": self.axis, "field": self.key.rsplit("_", 1)[0]}
-            unchanged, size = LinkGeometry.model_validate({**seat, "delta": 0.0}), "delta"
-        changed: Effect = unchanged.model_copy(update={size: value})
-        return changed
+        return turned(self.axis, value) if self.key == "q_deg" else changed(self.axis, self.key, value)
 
     @property
     def usual(self) -> float:

@@ -24,14 +24,15 @@ def joints_covered(observations: Sequence[Observation]) -> tuple[JointRange, ...
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> list[str]:
-    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined."""
+    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined, which
+    begins it."""
     lines = []
     for axis, ((low, high), angle) in enumerate(zip(covered, np.degrees(q_rad).T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
             there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
             lines.append(
-                f"{there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}° where {what} was found"
+                f"{what}: {there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
             )
     return lines
 

@@ -50,6 +50,11 @@ def turned(axis: int, angle_deg: float) -> Effect:
     return next(one for cls in VOCABULARY.values() if (one := cls.turning(axis, angle_deg)))
 
 
+def changed(axis: int, key: str, delta: float) -> Effect:
+    """The effect that changes a constant of an axis (1 … 6), called as in the rig file, by delta mm or degrees."""
+    return next(one for cls in VOCABULARY.values() if (one := cls.changing(axis, key, delta)))
+
+
 def play_of_joint(axis: int, width_deg: float) -> Effect:
     """The effect that is a play of a joint (1 … 6)."""
     cls = next(cls for cls in VOCABULARY.values() if cls.PLACE == AT_AXIS and cls.STRAIGHT == 0)

@@ -74,6 +74,12 @@ class LinkGeometry(Effect):
         """Axis and field."""
         return f"{self.axis}.{self.field}"
 
+    @classmethod
+    def changing(cls, axis: int, key: str, delta: float) -> LinkGeometry:
+        """This is how a wrong constant is described."""
+        unchanged = cls.model_validate({"axis": axis, "field": key.rsplit("_", 1)[0]})
+        return unchanged.model_copy(update={"delta": delta})
+
     @property
     def symbol(self) -> str:
         """Craig's symbol: a, alpha and beta belong to the link before."""

@@ -232,6 +232,12 @@ class Effect(Part, ABC):
         return None
 
     @classmethod
+    def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
+        """The effect that changes a constant of an axis, called as in the rig file, by delta mm or degrees; None of
+        every class but one."""
+        return None
+
+    @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
         """The effect that is a swing of the link; None of every class but one. Its phase is new in each run, so it is
         looked for in the time of each run, and has no forms."""

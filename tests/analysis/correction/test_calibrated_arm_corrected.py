@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis import calibrate, read_table
 from analysis.correction.correct import correct_rig
-from analysis.fitting.calibrate import calibrate
-from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
-from analysis.reporting.calibration_report import write_rig
-from analysis.traces.tables import PoseTable
+from analysis.reporting.diagnosis_report import write_model
 from rigs.load import load
 from tests.support.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures
 
@@ -31,19 +29,20 @@ def test_given_the_corrected_angles_a_bad_arm_stands_where_the_nominal_one_was_s
     rng = np.random.default_rng(5)
     arm = cell("ur10e", bad_zeros(rng), rng)
     poses = arm.seen(postures("ur10e", 40, rng), rng)
+    table = np.column_stack([np.degrees(poses.q), poses.xyz_mm])
+    np.savetxt(tmp_path / "poses.csv", table, "%.9f", ",", header=f"{HEAD},x_mm,y_mm,z_mm", comments="")
     rig, text = load("ur10e")
-    rig = rig.model_copy(update={"effects": ()})
-    one = observe(model_of(rig), PoseTable(poses.q, poses.xyz_mm, None), "poses")
-    found = calibrate(rig, [one], [], "joint_offset,link_geometry")
-    write_rig(found, text, ["poses"], tmp_path / "cell.yaml")
+    found = calibrate([read_table(tmp_path / "poses.csv", "ur10e", "pose")])
+    write_model(found, text, tmp_path / "cell.yaml")
     sent = postures("ur10e", 50, rng, (80, 30, 30, 80, 40, 100))
     np.savetxt(tmp_path / "path.csv", np.degrees(sent), "%.9f", ",", header=HEAD, comments="")
     corrections = correct_rig(load(str(tmp_path / "cell.yaml"))[0], tmp_path / "path.csv")
     assert corrections.path and not corrections.path[2].doubts
     targets = corrections.path[2]
     # What the poses cannot tell of axis 6 is in the tool that was fitted with them.
-    (setup,) = found.after.setups.values()
-    tool = (model_of(rig).arm.T_flange_tool @ setup.T_tool_target)[:3, 3]
+    assert found.calibrated
+    (setup,) = found.calibrated.setups.values()
+    tool = (model_of(rig).arm.T_flange_tool @ np.array(setup.T_tool_target))[:3, 3]
     right = Wrong(*(0.0 * getattr(arm.wrong, key) for key in arm.wrong.__dataclass_fields__))
 
     def stands(wrong: Wrong, q: Array, tool_mm: Array) -> Array:
