@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
+from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.diagnosis_curves import GREY, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
-from analysis.reporting.diagnosis_words import accuracy_words, headline
 from analysis.reporting.sheet import Sheet
-from rigs.schema.effect import name_of
 
 _WIDTH = 11.0
 _MOST_MAPS = 3
@@ -45,7 +44,7 @@ def picture(found: Diagnosis) -> Figure:
     words = _words(found, quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
     heights = [height for height, _ in parts]
-    title = textwrap.wrap(headline(found), _COLUMNS)
+    title = textwrap.wrap(AnswerWords(found).headline, _COLUMNS)
     figure = Sheet(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title))
     figure.suptitle("\n".join([*title, found.rig.name]), fontsize=11)
     for sheet, (_, draw) in zip(
@@ -56,11 +55,10 @@ def picture(found: Diagnosis) -> Figure:
 
 
 def _bars(found: Diagnosis) -> list[tuple[str, float, str]]:
-    """Name, gap in µm and ink: before, with each effect taken out again, with all, and calibrated; those known."""
-    bars = [("before", found.train.before_um, MEASURED)]
-    bars += [(f"without {name_of(one.effect)}", one.gap_without_um, MODEL) for one in found.standing]
-    if found.standing:
-        bars.append(("with all" if len(found.standing) > 1 else "after", found.train.after_um, LEFT))
+    """Name, error in µm and ink: now, with each fault alone removed, and calibrated; those known."""
+    words = AnswerWords(found)
+    bars = [("now", found.train.before_um, MEASURED)]
+    bars += [(f"{words.noun(one.effect)} alone removed", one.alone_um, MODEL) for one in found.standing]
     bars.append(("calibrated", found.train.calibrated_um, GREY))
     return [bar for bar in bars if np.isfinite(bar[1])]
 
@@ -80,13 +78,14 @@ def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_u
         )  # fmt: skip
     axes.set_ylim(-0.6, max(len(bars), 2) - 0.4)
     axes.set_xlim(0, 1.12 * max(value for _, value, _ in bars))
-    axes.set_xlabel("gap on the runs used, rms / µm", fontsize=8)
+    axes.set_xlabel("error on the runs used, rms / µm", fontsize=8)
     axes.tick_params(axis="x", labelsize=7.5)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    lines = [accuracy_words(found)]
+    answer = AnswerWords(found)
+    lines = [f"{answer.accuracy} {answer.judged}", f"Next: {answer.next_step}"]
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
     lines += [f"and {more} more groups"] * (more > 0)

@@ -13,13 +13,10 @@ from rich.text import Text
 from analysis.diagnosis.answer import Condition, Doubt
 from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.diagnosis import Diagnosis, Gap
+from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (
-    accuracy_words,
     beside_size,
     closed,
-    doubt_words,
-    headline,
-    part_name,
     percent,
     remedy,
     runs_of,
@@ -29,6 +26,7 @@ from analysis.reporting.diagnosis_words import (
     sure,
     with_uncertainty,
 )
+from analysis.reporting.page.texts import texts_of
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
 
@@ -42,8 +40,6 @@ _COLOUR: dict[Condition, str] = {
     "not_testable_here": "bold yellow",
 }
 _MOST_PLACES = 6
-_SMALL_SHARE = 0.001
-"""Share of the error below which usual parts are counted together."""
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Names of what cannot be seen here, before the rest is only counted."""
@@ -51,7 +47,9 @@ _MOST_NAMES = 40
 
 def as_screen(found: Diagnosis) -> RenderableType:
     """The two verdicts, the budget, the faults, the gap, remedies, next test, places and remarks."""
-    parts = [Text(headline(found), style=_COLOUR[found.condition]), Text(accuracy_words(found))]
+    words = AnswerWords(found)
+    parts = [Text(words.headline, style=_COLOUR[found.condition])]
+    parts += [Text(f"{words.accuracy} {words.judged}"), Text(f"Next: {words.next_step}")]
     sections = (
         ("What makes the error", _budget(found)),
         ("Faults", _faults(found)),
@@ -94,26 +92,25 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
     if not found.budget:
         return []
     table = _plain_table("part", "µm rms", "share", "× usual", "class", right=("µm rms", "share", "× usual"))
-    small = [one for one in found.budget if abs(one.share) < _SMALL_SHARE and one.rank != "unusual"]
-    for one in found.budget:
-        if one in small:
-            continue
+    words, (large, small) = AnswerWords(found), shown_parts(found)
+    for one in large:
         um = f"{_number(one.um)} ± {_number(one.u_um)}" if one.u_um > 0 else _number(one.um)
-        name = part_name(found, one)
-        if one.index is not None:
-            name += f", {size(found.effects[one.index])}"
+        name = ", ".join(filter(None, [words.part_name(one), words.size_of(one)]))
         times = f"{one.times_usual:.1f}" if one.times_usual is not None else ""
         style = "bold" if one.rank == "unusual" else ""
         table.add_row(name, um, percent(one.share), times, one.rank or "", style=style)
     if small:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
-    halves = "of what two parts have in common each has half" * any(one.share < 0 for one in found.budget)
+    halves = "of what two parts have in common each has half" * any(one.share < 0 for one in large)
     return [table, *([Text(halves, style="dim")] if halves else [])]
 
 
 def _faults(found: Diagnosis) -> list[RenderableType]:
-    beside = [Text(f"no fault, {doubt_words(why)}: {names}", style="dim") for why, names in _doubted(found).items()]
+    beside = [
+        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {names}", style="dim")
+        for why, names in _doubted(found).items()
+    ]
     if not found.standing:
         return list(beside)
     times, bound = (2.0, "± 2u") if found.condition == "ambiguous" else (1.0, "± u")

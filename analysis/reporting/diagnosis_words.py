@@ -1,13 +1,11 @@
-"""A diagnosis in plain words, for screen and picture alike."""
+"""Parts of a diagnosis in plain words: effects, sizes, odds, places. What they answer together is in answer_words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnosis.answer import BudgetPart, Condition, Doubt
-from analysis.diagnosis.budget import CERTAIN_SIGMA
-from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Named, Place, ResidualBand, Rival
+from analysis.diagnosis.diagnosis import ODDS, Curve, Gap, Named, Place, ResidualBand, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from rigs.effects import Effect, size_field
@@ -15,8 +13,6 @@ from rigs.rig import Rig
 from rigs.schema.effect import name_of
 
 _WHOLE_LAP_DEG = 350.0
-LARGE_SHARE = 1 / 3
-"""Share of the error from which a part is said in the first sentence, whatever its size."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
@@ -78,97 +74,6 @@ def sure(posterior: float) -> str:
     return f"{100 * posterior:.1f} %" if posterior > 0.99 else f"{100 * posterior:.0f} %"
 
 
-def headline(found: Diagnosis) -> str:
-    """The condition of the arm in a sentence, and in a second one what makes more than a third of its error."""
-    if found.condition == "not_testable_here":
-        return "These runs cannot show whether something is worn, loose or shifted."
-    condition, large = _condition(found), _large(found)
-    # What is certain comes before what is not known.
-    return f"{large} {condition}".strip() if found.condition == "undecided" else f"{condition} {large}".strip()
-
-
-def _condition(found: Diagnosis) -> str:
-    named = "; ".join(f"{plain(found.rig, one.effect)}, {size(one)}{_makes(found, one)}" for one in found.standing)
-    several = f"{len(found.standing)} faults were found" if len(found.standing) > 1 else "One fault was found"
-    beside = f"Beside {named}, an error" if named else "An error"
-    again = f" Drive each test {found.runs_to_decide} times to decide it." if found.runs_to_decide else ""
-    words: dict[Condition, str] = {
-        "named": f"{several}: {named}.",
-        "ambiguous": f"There is a fault, and these tests cannot tell which: {_alternatives(found)}.",
-        "outside_library": f"{beside} that no known effect explains remains: {_unexplained(found)}.",
-        "undecided": f"These runs are too few to tell whether something is worn, loose or shifted.{again}",
-        "uncalibrated": "Nothing was found worn, loose or shifted; the arm has many errors of usual size.",
-        "nothing_unusual": "Nothing was found worn, loose or shifted.",
-    }
-    return words[found.condition]
-
-
-def accuracy_words(found: Diagnosis) -> str:
-    """The error now and after the calibration in one sentence, and how it is judged."""
-    own = found.accuracy
-    where = {"unseen": "at the unseen place", "held_out": "on what was left out", "used": "on these runs"}[own.place]
-    now = f"The error is {micrometres(own.now_um)} rms, at most {micrometres(own.now_largest_um)}"
-    left = f"the calibrated model leaves {micrometres(own.calibrated_um)} {where}"
-    if own.place != "used":
-        left += f" (of {micrometres(own.before_there_um)})"
-    return f"{now}; {left}. {_judged(found)}"
-
-
-def _judged(found: Diagnosis) -> str:
-    by = {"tolerance": "--tolerance-um", "rig_file": "the limits of the rig file", "data_sheet": "the data sheet"}
-    own = found.accuracy
-    if own.standing is None or own.limit is None:
-        return "Accuracy: not judged; give --tolerance-um, or limits in the rig file."
-    return f"Accuracy: {own.standing}, by {by[own.limit]}."
-
-
-def _large(found: Diagnosis) -> str:
-    """What makes more than a third of the error and is no fault, as a sentence; nothing where nothing does."""
-    parts = [one for one in found.budget if one.share > LARGE_SHARE and one.sigma >= CERTAIN_SIGMA]
-    said = [
-        f"{percent(one.share)} of the error comes from {part_name(found, one)}{_size_of(found, one)}"
-        for one in parts
-        if one.kind not in ("scatter", "unexplained") and one.rank != "unusual"
-    ]
-    return f"{'; '.join(said)}." if said else ""
-
-
-def _size_of(found: Diagnosis, part: BudgetPart) -> str:
-    if part.index is None:
-        return ""
-    times = f", {part.times_usual:.1f} × usual" if part.times_usual and math.isfinite(part.times_usual) else ""
-    return f" ({size(found.effects[part.index])}{times})"
-
-
-def _makes(found: Diagnosis, one: Named) -> str:
-    part = next((part for part in found.budget if part.index is not None and found.effects[part.index] is one), None)
-    return f", {percent(part.share)} of the error" if part else ""
-
-
-def _unexplained(found: Diagnosis) -> str:
-    left = found.remainder
-    return f"{micrometres(left.um)} rms, {percent(left.share)} of its energy"
-
-
-def part_name(found: Diagnosis, part: BudgetPart) -> str:
-    """A part of the budget as a person says it."""
-    if part.index is not None:
-        return plain(found.rig, found.effects[part.index].effect)
-    of = joint(found.rig, part.axis) if part.axis else ""
-    return {
-        "constants": "the arm's constants and zeros",
-        "gravity": "what yields under load",
-        "curve": f"the angle error of {of} over its angle",
-        "reversal": f"what {of} does where it turns back",
-        "warming": "warming",
-        "gauges": "gauges and ball",
-        "clocks": "times of readings",
-        "scatter": "scatter from run to run, and noise",
-        "unexplained": "unexplained",
-        "effect": part.name,
-    }[part.kind]
-
-
 def percent(share: float) -> str:
     """A share in percent, as many digits as a reader needs."""
     value = 100 * share
@@ -180,29 +85,6 @@ def micrometres(um: float) -> str:
     if not math.isfinite(um):
         return "–"
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
-
-
-def doubt_words(doubt: Doubt) -> str:
-    """Why the diagnosis does not stand by an effect."""
-    return {
-        "usual": "no larger than healthy arms, or this arm elsewhere, show",
-        "healthy_shows_it": "a healthy arm may show it by chance",
-        "rival": "another effect is likelier",
-        "held_out": "makes held-out runs worse",
-        "unsure": "what it does is not known to half of itself",
-        "contradicted": "set-ups show different shares of it",
-        "series": "one of more waves than a joint has",
-        "no_better": "the model explains these runs no better with it",
-    }[doubt]
-
-
-def _alternatives(found: Diagnosis) -> str:
-    """Each name with those of its rivals that cannot be dismissed."""
-    words = []
-    for one in found.standing:
-        likely = [rival.effect for rival in likely_rivals(one)]
-        words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
-    return "; ".join(words)
 
 
 def runs_of(one: Place | Curve | ResidualBand) -> str:

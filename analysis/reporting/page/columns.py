@@ -1,11 +1,11 @@
-"""The figures of one test side by side: a column for each direction, repeated runs as their mean, acw against cw."""
+"""The columns of figures of one test, with their headings in the language of the page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from analysis.measures.pooled import BetweenRuns, Pairs, pairs_of, pooled
+from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
 from analysis.reporting.page.texts import Texts
@@ -26,28 +26,17 @@ class Column:
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
     """The columns of the runs of one test."""
-    together = {one.title: one for one in pooled(group) if one.figures}
-    columns = []
-    for title in dict.fromkeys(result.title for result in group):
-        short = title.partition(" ")[2]
-        if title in together:
-            figures = together[title].figures
-            note = texts("mean_of_runs", count=len(together[title].runs))
-            columns.append(Column(short, note, _means(figures), {name: one.in_sd for name, one in figures.items()}))
-        else:
-            columns += [Column(short, one.name, one.figures, {}) for one in group if one.title == title]
-    both = pairs_of(group)
-    return [*columns, _pair(both, texts)] if both and both.figures else columns
+    return [Column(title_of(one, texts), _note(one, texts), one.figures, one.sd) for one in figure_columns(group)]
 
 
-def _pair(both: Pairs, texts: Texts) -> Column:
-    figures = {name: one.mean if isinstance(one, BetweenRuns) else one for name, one in both.figures.items()}
-    sd = {name: one.in_sd for name, one in both.figures.items() if isinstance(one, BetweenRuns)}
-    return Column(texts("acw_against_cw"), texts("pairs", count=len(both.runs)), figures, sd)
+def title_of(column: FigureColumn, texts: Texts) -> str:
+    """What a column is of: a direction, or both against each other; empty where the test has no direction."""
+    return texts("acw_against_cw") if column.kind == "pairs" else column.direction
 
 
-def _means(figures: Mapping[str, BetweenRuns]) -> dict[str, Quantity]:
-    return {name: one.mean for name, one in figures.items()}
+def _note(column: FigureColumn, texts: Texts) -> str:
+    words = {"mean": "mean_of_runs", "pairs": "pairs"}
+    return column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
 
 
 def shown(name: str, figure: Quantity, texts: Texts) -> str:

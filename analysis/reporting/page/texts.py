@@ -1,11 +1,13 @@
-"""The fixed texts of the page in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each.
+"""The fixed texts in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each.
 
-What the analysis says in words of its own, as doubts and remedies, stays English.
+The page has them in its language, screen and picture in English. What the analysis says in words of its own, as doubts
+and remedies, stays English.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from typing import Literal, get_args
 
@@ -19,12 +21,14 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 @dataclass(frozen=True)
 class Texts:
-    """The words by key, the labels of figures by name, and a sentence for each kind of effect."""
+    """The words by key, the labels of figures by name, a sentence for each kind of effect, and what an effect is called
+    within a sentence, where this language does not call it as the effect itself does."""
 
     language: Language
     words: dict[str, str]
     labels: dict[str, str]
     effects: dict[str, str]
+    nouns: dict[str, str]
 
     def __call__(self, key: str, **values: object) -> str:
         """A text with values in its places."""
@@ -35,8 +39,9 @@ class Texts:
         return self.labels.get(name) or label(name)
 
 
+@cache
 def texts_of(language: Language) -> Texts:
     """The texts of a language."""
     file = resources.files("analysis") / "templates" / f"texts.{language}.yaml"
     read = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return Texts(language, read["words"], read["labels"], read["effects"])
+    return Texts(language, read["words"], read["labels"], read["effects"], read["nouns"])

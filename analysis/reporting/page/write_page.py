@@ -19,10 +19,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
+from analysis.reporting.page.budget_table import budget_table
 from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.findings import diagnosis_words, findings_of, open_question
+from analysis.reporting.page.findings import diagnosis_words, findings_of
 from analysis.reporting.page.heading import NO_HEADING, Heading, fields_of
 from analysis.reporting.page.live_chart import colours, live
 from analysis.reporting.page.model_charts import diagnosis_charts
@@ -32,7 +34,7 @@ from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
-from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
+from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
@@ -53,7 +55,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     sections, runs = sections_of(report, texts), runs_of(report.results)
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
-    verdict = judge(report.results, report.rig.limits, report.found, texts)
+    verdict = judge(report.results, report.rig.limits, report.found)
     return pages.get_template("report.html").render(
         t=texts,
         measured_on=_measured_on(runs, texts),
@@ -61,11 +63,13 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         report=report,
         verdict=verdict,
         verdict_sentence=verdict_sentence(verdict, texts),
-        example_limits="" if verdict.judged else example_limits(verdict),
+        named=named,
+        answer=AnswerWords(report.found, texts) if report.found else None,
+        budget=budget_table(report.found, texts) if report.found else None,
+        example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
         rule=rule(texts),
         findings=findings_of(report.found, texts) if report.found else [],
-        open_question=open_question(report.found) if report.found else "",
         sections=sections,
         gaps=gaps,
         still=_still_uri,

@@ -11,6 +11,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
+from analysis.diagnosis.answer import Condition
 from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.still_chart import still
@@ -61,13 +63,16 @@ def _text(page: str) -> str:
     return " ".join(body.split())
 
 
-def test_the_page_names_the_hidden_play_before_anything_else(page: str) -> None:
+def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
     text = _text(page)
-    first = text[text.index("Verdict") :][:900]
-    assert re.search(r"Base \(axis 1\) has play of 0\.00(79|80)\d* ± 0\.000[01]\d* °", first), first
+    first = text[text.index("Verdict") :][:1500]
+    assert re.search(
+        r"Condition: ! FAULT FOUND .*?found: play of axis 1 \(base\), 0\.00(79|80)\d* ± 0\.000[01]\d* °", first
+    )
     assert "What to do Inspect the reducer of joint 1" in first
-    assert re.search(r"It makes \d\d µm of the \d\d µm of the error", first)
-    places = [text.index(heading) for heading in ("Verdict", "Figures against their limits", "Trace")]
+    assert re.search(r"It moves the readings by \d\d µm \(rms\) and makes \d\d % of the error", first)
+    headings = ("Condition:", "Accuracy:", "Next:", "What makes the error", "Figures against their limits", "Trace")
+    places = [text.index(heading) for heading in headings]
     assert places == sorted(places)
 
 
@@ -114,10 +119,20 @@ def test_foreign_text_is_shown_as_text(report: Report) -> None:
     assert "&lt;script&gt;alert(1)" in page
 
 
-def test_runs_that_show_nothing_are_not_called_healthy(report: Report) -> None:
+def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
     small = replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
     text = _text(rendered(small, texts_of("en")))
-    assert "cannot show whether an effect is missing" in text and "healthy robot" not in text
+    assert "Condition: ? NOT VISIBLE HERE These runs cannot show whether something is worn" in text
+    assert "What makes the error" not in text
+
+
+@pytest.mark.parametrize("condition", get_args(Condition))
+def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Condition) -> None:
+    text = _text(rendered(replace(report, results=report.results[-1:], found=diagnosis(condition)), texts_of("en")))
+    assert f"{texts_of('en')(f'badge_{condition}')} · PASS" in text.partition("Verdict")[0]  # in the title
+    assert ("What to do" in text) == (condition in ("named", "ambiguous", "outside_library"))
+    assert ("✓ NO" in text) == (condition in ("uncalibrated", "nothing_unusual"))
+    assert "tolerance" not in text and "healthy" not in text and "that matter" not in text
 
 
 def test_a_report_is_about_one_robot(runs: list[Path]) -> None:

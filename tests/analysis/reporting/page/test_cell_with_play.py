@@ -1,0 +1,96 @@
+"""The page of a cell with a hidden play of 0.02° in axis 1 and a gear error of axis 4: what its box and bars say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from analysis import evaluate_runs, load_run
+from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.reporting.diagnosis_words import micrometres
+from analysis.reporting.page.report import Report, gather
+from analysis.reporting.page.texts import texts_of
+from analysis.reporting.page.write_page import rendered
+from rigs.effects import Backlash, TransmissionError
+from rigs.load import load, load_hidden
+from tests.support.written_runs import write_simulated
+
+RIG, TEXT = load("paper-fanuc")
+HIDDEN = load_hidden("paper-fanuc").within(RIG)
+EFFECTS = [
+    one
+    for one in HIDDEN.effects
+    if (isinstance(one, Backlash) and one.axis == 1) or (isinstance(one, TransmissionError) and one.axis == 4)
+]
+PLAY = "play of axis 1 (Theta)"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two runs each way."""
+    assert len(EFFECTS) == 2
+    rig = HIDDEN.model_copy(update={"effects": tuple(EFFECTS)})
+    return [*write_simulated(rig, TEXT, "yaw", ("acw", "cw"), [0, 1], tmp_path_factory.mktemp("runs"))]
+
+
+def _report(runs: list[Path]) -> Report:
+    return gather(evaluate_runs([load_run(run) for run in runs]), progress=lambda doing: None)
+
+
+def _found(report: Report) -> Diagnosis:
+    assert report.found is not None
+    return report.found
+
+
+def _box(page: str) -> str:
+    box = page[page.index('<section class="verdict">') :].partition("</section>")[0]
+    return " ".join(re.sub(r"<[^>]*>", " ", box).split())
+
+
+def _shares(page: str) -> list[float]:
+    return [float(one.replace("−", "-")) for one in re.findall(r'class="share"><div><span>([−\d.]+) %', page)]
+
+
+def _first_sentence(page: str) -> str:
+    sentence = re.search(r'<p class="lead">(.*?)</p>', page, flags=re.DOTALL)
+    assert sentence
+    return sentence[1]
+
+
+def test_two_laps_each_way_have_the_play_in_the_first_sentence_and_shares_that_add_up(runs: list[Path]) -> None:
+    report = _report(runs)
+    found, page = _found(report), rendered(report, texts_of("en"))
+    assert found.condition == "named"
+    assert PLAY in _first_sentence(page) and "FAULT FOUND" in _box(page)
+    assert sum(_shares(page)) == pytest.approx(100.0, abs=1e-9) and len(_shares(page)) >= 3
+    assert re.search(r'<tr class="unusual"><th scope="row">play of axis 1 \(Theta\)', page)
+    _assert_promises_are_of_one_remedy(found, page)
+    for language, play in (("de", "Spiel von Achse 1 (Theta)"), ("ko", "축 1(Theta)의 백래시")):
+        other = rendered(report, texts_of(language))  # type: ignore[arg-type]
+        assert play in _first_sentence(other)
+        assert _shares(other) == _shares(page)
+
+
+def test_one_lap_each_way_has_the_play_in_the_first_sentence_too(runs: list[Path]) -> None:
+    report = _report(runs[:2])
+    found, page = _found(report), rendered(report, texts_of("en"))
+    assert PLAY in _first_sentence(page)
+    play = next(one for one in found.budget if one.name == "backlash 1")
+    assert play.rank in ("usual", "unusual", "undecided") and play.share > 0.9
+    assert (found.condition == "undecided") == (f"Drive each test {found.runs_to_decide} times" in _box(page))
+    _assert_promises_are_of_one_remedy(found, page)
+
+
+def test_one_lap_of_one_direction_promises_no_more_than_each_remedy_alone(runs: list[Path]) -> None:
+    report = _report(runs[:1])
+    found, page = _found(report), rendered(report, texts_of("en"))
+    assert PLAY in _first_sentence(page)
+    _assert_promises_are_of_one_remedy(found, page)
+
+
+def _assert_promises_are_of_one_remedy(found: Diagnosis, page: str) -> None:
+    promised = re.findall(r"By this remedy alone the error falls from ([\d.]+ µm) to ([\d.]+ µm)", _box(page))
+    known = sorted(found.standing, key=lambda one: -one.worth_um)
+    assert promised == [(micrometres(found.train.before_um), micrometres(one.alone_um)) for one in known]
