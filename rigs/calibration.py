@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rigs.effects import AnyEffect, Effect
-from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, scaled, size_field, size_of
+from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, is_wave, scaled, size_field, size_of
 from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
 
@@ -138,7 +138,8 @@ class CalibratedModel(Part):
 
 
 def packed_factor(root: Array) -> str:
-    """Return a lower triangular root (P, P) of a covariance as a calibration file holds it."""
+    """Return a lower triangular root (P, P) of a covariance, each row in the unit of its parameter, as a calibration
+    file holds it."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 
@@ -146,10 +147,11 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     """Return the effects that terms, each an effect and how many times of it, make up together."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
-    for effect, times in terms:
+    for one, times in terms:
+        effect = one.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
         if abs(times * size_of(effect)) < _NOTHING:
             continue
-        if effect.effect == "transmission_error" and not getattr(effect, "third", 0.0):
+        if _is_sine(effect):
             waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
         else:
             # Of constants the terms of one seat add up, whatever their reference sizes.
@@ -166,6 +168,13 @@ def _of(effect: Effect, times: float) -> Effect:
     if effect.STAGE == "joint" and effect.compensation().constant is None:
         return JointPortion(whole=effect, share=times)
     return scaled(effect, times)
+
+
+def _is_sine(effect: Effect) -> bool:
+    """Return whether it turns a joint by a sine of its angle: a wave with an order, and with no other shape."""
+    if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
+        return False
+    return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
 def _wave(effect: Effect, times: float) -> tuple[float, float, float]:
@@ -233,7 +242,7 @@ class _Portion(_Calibrated):
         return self.whole.plain(joint)
 
     def compensation(self) -> Compensation:
-        """That of the whole effect."""
+        """What the whole effect says."""
         return self.whole.compensation()
 
 

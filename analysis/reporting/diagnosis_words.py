@@ -90,13 +90,13 @@ def headline(found: Diagnosis) -> str:
 def _condition(found: Diagnosis) -> str:
     named = "; ".join(f"{plain(found.rig, one.effect)}, {size(one)}{_makes(found, one)}" for one in found.standing)
     several = f"{len(found.standing)} faults were found" if len(found.standing) > 1 else "One fault was found"
-    beside = f"Beside {named}, an error" if named else "An error"
+    beside = f" beside {named}" if named else ""
     again = f" Drive each test {found.runs_to_decide} times to decide it." if found.runs_to_decide else ""
     words: dict[Condition, str] = {
         "named": f"{several}: {named}.",
-        "ambiguous": f"There is a fault, and these tests cannot tell which: {_alternatives(found)}.",
-        "outside_library": f"{beside} that no known effect explains remains: {_unexplained(found)}.",
-        "undecided": f"These runs are too few to tell whether something is worn, loose or shifted.{again}",
+        "ambiguous": f"There is a fault, and these tests cannot distinguish which: {_alternatives(found)}.",
+        "outside_library": f"An error that no known effect explains remains{beside}: {_unexplained(found)}.",
+        "undecided": f"These runs are too few to decide whether something is worn, loose or shifted.{again}",
         "uncalibrated": "Nothing was found worn, loose or shifted; the arm has many errors of usual size.",
         "nothing_unusual": "Nothing was found worn, loose or shifted.",
     }
