@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rigs.effects import AnyEffect, Effect
-from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, is_wave, scaled, size_field, size_of
+from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, healthy, is_wave, scaled, size_field, size_of
 from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
 
@@ -155,7 +155,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
         else:
             # Of constants the terms of one seat add up, whatever their reference sizes.
-            unit = scaled(effect, 1 / size_of(effect)) if effect.STAGE == "arm" and size_of(effect) else effect
+            unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(own)) for axis, own in waves.items()]
     return [*(_of(effect, times) for effect, times in sums.items()), *curves]

@@ -1,12 +1,14 @@
-"""Diagnoses made by hand, of every verdict, for tests of what is shown of them."""
+"""Diagnoses made by hand, of every condition, for tests of what is shown of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from analysis.diagnosis.answer import Accuracy, BudgetPart, Condition
 from analysis.diagnosis.diagnosis import (
     Curve,
     Diagnosis,
@@ -18,11 +20,11 @@ from analysis.diagnosis.diagnosis import (
     Remainder,
     ResidualBand,
     Rival,
-    Verdict,
 )
 from analysis.model.predict import SetUp
 from rigs.effects import Backlash, JointOffset, LinkGeometry
 from rigs.load import load
+from rigs.schema.effect import label_of
 
 RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
 PLAY = Named(
@@ -33,8 +35,10 @@ PLAY = Named(
     5.94,
     "take up the play of axis 1's reducer, 0.052°, or have it looked at",
     5.78,
-    True,
     0.91,
+    u_um=0.12,
+    times_usual=26.1,
+    alone_um=2.1,
 )
 ZERO = Named(
     JointOffset(axis=5, offset_deg=0.1032),
@@ -44,12 +48,12 @@ ZERO = Named(
     5.2,
     "re-master axis 5 by 0.103°",
     5.1,
-    True,
     0.88,
+    u_um=0.2,
+    times_usual=10.3,
+    alone_um=2.4,
 )
-SMALL = replace(
-    ZERO, worth_um=0.9, material=False, posterior=0.999, rivals=(), dismissed="no larger than healthy arms show"
-)
+SMALL = replace(ZERO, worth_um=0.9, times_usual=0.8, posterior=0.999, rivals=(), doubt="usual")
 PLACES = (
     Place("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
     Place("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),
@@ -84,14 +88,40 @@ def poses() -> Map:
     return Map("pose", np.arange(1.0, 201.0), nowhere, nowhere, 2 * left, left)
 
 
-def diagnosis(verdict: Verdict = "named", **changed: Any) -> Diagnosis:
-    """A diagnosis of a verdict, with everything that it can have unless `changed`."""
-    effects = {"named": (PLAY,), "ambiguous": (ZERO,), "outside_library": (PLAY, ZERO)}.get(verdict, ())
+def part(one: Named, share: float, index: int) -> BudgetPart:
+    """The line of the budget of a fitted effect."""
+    return BudgetPart(
+        "effect", one.worth_um, one.u_um, share, axis=getattr(one.effect, "axis", None), name=label_of(one.effect),
+        times_usual=one.times_usual, rank="unusual" if one.stands else "usual", odds=one.posterior,
+        held_out_gain=one.held_out_gain, doubt=one.doubt, index=index,
+    )  # fmt: skip
+
+
+def budget(effects: Sequence[Named]) -> tuple[BudgetPart, ...]:
+    """The parts of a gap: effects, which have two thirds of it together, and what there is beside them."""
+    share = 0.66 / max(len(effects), 1)
+    fitted = [part(one, share, k) for k, one in enumerate(effects)]
+    rest = [
+        BudgetPart("constants", 2.4, 0.3, 0.2, times_usual=0.7, rank="usual"),
+        BudgetPart("curve", 1.4, 0.4, 0.09, axis=2, times_usual=1.1, rank="usual"),
+        BudgetPart("scatter", 1.1, 0.0, 0.06),
+        BudgetPart("gauges", 0.4, 0.6, -0.02, times_usual=0.3, rank="undecided"),
+        BudgetPart("unexplained", 0.7, 0.0, 0.67 - 0.66 * bool(effects)),
+    ]
+    return tuple(sorted([*fitted, *rest], key=lambda one: -one.share))
+
+
+def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
+    """A diagnosis of a condition, with everything that it can have unless `changed`."""
+    effects = {"named": (PLAY,), "ambiguous": (ZERO,), "outside_library": (PLAY, ZERO)}.get(condition, ())
+    effects = changed.get("effects", effects)
     after = 1.91 if effects else 6.12
     setup = SetUp(np.array([930.8, -87.8, 273.2]), np.array([0.01, -0.02]), np.eye(4), np.eye(4))
     made = Diagnosis(
-        verdict=verdict,
-        why="the data odds for the name are over 1000 to 1, and nothing is left beyond the noise",
+        condition=condition,
+        accuracy=Accuracy(None, None, 6.12, 17.3, 1.75, 6.3, "held_out"),
+        budget=() if condition == "not_testable_here" else budget(effects),
+        runs_to_decide=4 if condition == "undecided" else None,
         rig=RIG,
         runs=("yaw-acw-001", "yaw-acw-002", "yaw-cw-001", "yaw-cw-002"),
         where=PLACES,
