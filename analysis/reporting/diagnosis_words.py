@@ -17,6 +17,8 @@ from rigs.schema.effect import name_of
 _WHOLE_LAP_DEG = 350.0
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part is said in the first sentence, whatever its size."""
+_IMITATES: tuple[Doubt, ...] = ("contradicted", "series", "no_better")
+"""Doubts of effects that stand for something else, so that the error comes from no such cause."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
@@ -128,7 +130,7 @@ def _large(found: Diagnosis) -> str:
     said = [
         f"{percent(one.share)} of the error comes from {part_name(found, one)}{_size_of(found, one)}"
         for one in parts
-        if one.kind not in ("scatter", "unexplained") and one.rank != "unusual"
+        if one.kind not in ("scatter", "unexplained") and one.rank != "unusual" and one.doubt not in _IMITATES
     ]
     return f"{'; '.join(said)}." if said else ""
 

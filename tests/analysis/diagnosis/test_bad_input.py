@@ -194,9 +194,9 @@ def test_a_run_of_which_every_pose_is_wild_is_left_out() -> None:
     assert found.condition == "named" and _has_doubt(found, "poses of pose are wild, up to ")
 
 
-def test_nothing_is_outside_the_library_where_nothing_is_tolerated_and_nothing_is_left() -> None:
-    found = diagnose(RIG, circles(seed=39), [], [], lambda doing: None, tolerance_um=0.0)
-    assert found.condition != "outside_library"
+def test_nothing_is_outside_the_library_where_nothing_is_left() -> None:
+    found = found_in(circles(seed=39))
+    assert found.condition == "nothing_unusual"
 
 
 def test_runs_about_two_balls_have_two_set_ups() -> None:
@@ -240,9 +240,12 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)
 
 
-def test_every_name_is_material_where_nothing_is_tolerated() -> None:
-    found = diagnose(RIG, circles((PLAY,), seed=37), [], [], lambda doing: None, tolerance_um=0.0)
-    assert found.condition in ("named", "ambiguous") and found.effects[0].stands
-    assert name_of(found.effects[0].effect) == "backlash 1"
-    healthy = diagnose(RIG, circles(seed=37), [], [], lambda doing: None, tolerance_um=0.0)
-    assert _sure_of(healthy) == set()
+@pytest.mark.parametrize(
+    ("effects", "tolerance_um", "standing", "names"), [((), 0.0, "fail", set()), ((PLAY,), 1e4, "pass", {"backlash 1"})]
+)
+def test_a_tolerance_neither_makes_a_name_nor_takes_one_away(
+    effects: tuple[Effect, ...], tolerance_um: float, standing: str, names: set[str]
+) -> None:
+    found = diagnose(RIG, circles(effects, seed=37), [], [], lambda doing: None, tolerance_um)
+    assert (found.accuracy.standing, found.accuracy.limit) == (standing, "tolerance")
+    assert _sure_of(found) == names

@@ -36,8 +36,8 @@ class Named:
 class Answer:
     """condition: one of CONDITIONS, or what else was said, or `none`; effects: those that stand, where the condition
     names; listed: those of any condition; left: share of what was hidden that they leave, by place, as the trial found
-    by the truth; seconds: how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if nothing
-    is said."""
+    by the truth; seconds: how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if
+    nothing is said."""
 
     condition: str
     effects: tuple[Named, ...]
