@@ -74,7 +74,7 @@ def trial(given: argparse.Namespace, root: Path) -> None:
             return
         for job, answer in run_all(jobs, given.jobs):
             answers[job.name] = answer
-            said = answer.get("verdict", answer.get("error"))
+            said = answer.get("condition", answer.get("error"))
             line = f"{len(answers)} of {len(jobs)} · {job.kind} {job.seed}: {said}"
             sys.stderr.write(f"\r\033[K{line[:110]}" if sys.stderr.isatty() else f"{line}\n")
     seconds = time.monotonic() - begin

@@ -22,7 +22,18 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rigs.effects import AnyEffect, Effect
-from rigs.schema.effect import BY_TARGETS, PHASE, Compensation, Scope, Use, scaled, size_field, size_of
+from rigs.schema.effect import (
+    BY_TARGETS,
+    PHASE,
+    Compensation,
+    Scope,
+    Use,
+    healthy,
+    is_wave,
+    scaled,
+    size_field,
+    size_of,
+)
 from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
 
@@ -138,7 +149,8 @@ class CalibratedModel(Part):
 
 
 def packed_factor(root: Array) -> str:
-    """Return a lower triangular root (P, P) of a covariance as a calibration file holds it."""
+    """Return a lower triangular root (P, P) of a covariance, each row in the unit of its parameter, as a calibration
+    file holds it."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 
@@ -146,14 +158,15 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     """Return the effects that terms, each an effect and how many times of it, make up together."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
-    for effect, times in terms:
+    for one, times in terms:
+        effect = one.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
         if abs(times * size_of(effect)) < _NOTHING:
             continue
-        if effect.effect == "transmission_error" and not getattr(effect, "third", 0.0):
+        if _is_sine(effect):
             waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
         else:
             # Of constants the terms of one seat add up, whatever their reference sizes.
-            unit = scaled(effect, 1 / size_of(effect)) if effect.STAGE == "arm" and size_of(effect) else effect
+            unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(own)) for axis, own in waves.items()]
     whole: list[Effect] = []
@@ -168,6 +181,13 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             whole.append(scaled(effect, times))
     together = [JointPortions(portions=tuple(own)) for own in joints.values()]
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
+
+
+def _is_sine(effect: Effect) -> bool:
+    """Return whether it turns a joint by a sine of its angle: a wave with an order, and with no other shape."""
+    if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
+        return False
+    return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
 def _wave(effect: Effect, times: float) -> tuple[float, float, float]:

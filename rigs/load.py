@@ -116,7 +116,7 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
 
 _calibrations: dict[str, CalibratedModel] = {}
 _MAX_CALIBRATION_BYTES = 100_000_000
-"""That of 1500 terms has 7 MB; it grows with the square of their number."""
+"""A file of 1500 terms has 7 MB; it grows with the square of their number."""
 
 
 def _text(path: Path) -> str:

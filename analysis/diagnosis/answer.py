@@ -15,7 +15,7 @@ Condition = Literal[
     "named", "ambiguous", "outside_library", "undecided", "uncalibrated", "nothing_unusual", "not_testable_here"
 ]
 """Whether something is worn, loose or shifted: effects are named; they are, but a rival may be meant; what explains the
-readings is in no library; the runs are too few to tell; many usual errors that a calibration was shown to remove;
+readings is in no library; the runs are too few to decide it; many usual errors that a calibration was shown to remove;
 nothing unusual; or the runs cannot show it."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than healthy arms, and this arm elsewhere, show."""

@@ -218,6 +218,6 @@ class _Budget:
 def _rank(one: Named, change: EffectChange) -> Rank:
     if one.stands:
         return "unusual"
-    if one.doubt in ("healthy_shows_it", "rival", "unsure", "held_out") or change.um < _DOUBTED_SIGMA * change.u_um:
+    if one.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
         return "undecided"
     return "usual"

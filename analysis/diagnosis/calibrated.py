@@ -41,7 +41,8 @@ rounding."""
 
 
 def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
-    """Return the covariance (P, P) of the fitted unknowns, in their own units, and then of the forms' times."""
+    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, and then of the numbers of
+    times that forms show."""
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])

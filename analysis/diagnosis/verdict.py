@@ -45,7 +45,7 @@ _NEGLIGIBLE = 1e-4
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
 worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
-the answers of generated cells, foreign ones told 4 of 5, false ones 5 to 2."""
+the answers of generated cells, foreign ones found 4 of 5, false ones 5 to 2."""
 _MOST_RUNS = 20
 """Largest number of runs that is advised; what needs more is not found in this way."""
 _ENOUGH = 3

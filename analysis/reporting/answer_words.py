@@ -30,7 +30,8 @@ SMALL_SHARE = 0.001
 _GAINS = 0.8
 """Share of the error up to which what remains after the calibration makes it worth while. Chosen: a fifth less."""
 _MOST_NAMED = 3
-
+_IMITATES: tuple[Doubt, ...] = ("contradicted", "series", "no_better")
+"""Doubts of effects that stand for something else, so that the error comes from no such cause."""
 
 _STEPS: dict[Condition, NextStep] = {
     "named": "repair",
@@ -57,7 +58,8 @@ def large_parts(found: Diagnosis) -> list[BudgetPart]:
     """What makes more than a third of the error for certain and is no fault, so that the condition does not say it."""
     large = [one for one in found.budget if one.share > LARGE_SHARE and one.sigma >= CERTAIN_SIGMA]
     faults = [part_of(found, one) for one in found.standing]
-    return [one for one in large if one.kind not in ("scatter", "unexplained") and one not in faults]
+    said = [*faults, *(one for one in large if one.doubt in _IMITATES)]
+    return [one for one in large if one.kind not in ("scatter", "unexplained") and one not in said]
 
 
 def shown_parts(found: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
@@ -77,8 +79,10 @@ class AnswerWords:
     def headline(self) -> str:
         """The condition of the arm in a sentence, and in another one what makes more than a third of its error."""
         condition, large = self._condition(), self._large()
-        # What is certain comes before what is not known.
-        parts = (large, condition) if self.found.condition == "undecided" else (condition, large)
+        # What is certain comes before what is not known, and what makes more of the error before what makes less.
+        share = sum(part.share for one in self.found.standing if (part := part_of(self.found, one)))
+        first = any(one.share > share for one in large_parts(self.found)) and self.found.condition == "named"
+        parts = (large, condition) if first or self.found.condition == "undecided" else (condition, large)
         return " ".join(filter(None, parts))
 
     @property

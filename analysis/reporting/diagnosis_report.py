@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
-from analysis.reporting.extended_rig import beside, extended_files, with_origin
+from analysis.reporting.extended_rig import beside, extended_files, with_origin, write_extended
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
-
-if TYPE_CHECKING:
-    from analysis.files.write import Writer
 
 
 def hold_empty(directory: Path) -> None:
@@ -41,21 +38,20 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
         "diagnosis.png": lambda file: picture(found).savefig(file, format="png", dpi=130),
     }
     if found.condition != "not_testable_here":
-        files |= _model(found, text, directory / f"{found.rig.name}.yaml")
+        rig_file = directory / f"{found.rig.name}.yaml"
+        files |= extended_files(text, _origins(found), rig_file, found.calibrated)
     return write_all_new(directory, files)
 
 
 def write_model(found: Diagnosis, text: str, output: Path) -> list[Path]:
     """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
     beside it; their paths, the rig file's last. Raises FileError where one exists."""
-    from analysis.files.write import write_all_new  # noqa: PLC0415 - slow to import
-
-    return write_all_new(output.parent, _model(found, text, output))
+    return write_extended(text, _origins(found), output, found.calibrated)
 
 
-def _model(found: Diagnosis, text: str, output: Path) -> dict[str, Writer]:
-    """The files of the calibrated model by name, the rig file's last."""
-    effects = [
+def _origins(found: Diagnosis) -> list[Effect]:
+    """The faults, each with where it came from."""
+    return [
         beside(
             with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
             rivals=tuple(rival_names(one)),
@@ -64,4 +60,3 @@ def _model(found: Diagnosis, text: str, output: Path) -> dict[str, Writer]:
         )
         for one in found.standing
     ]
-    return extended_files(text, effects, output, found.calibrated)

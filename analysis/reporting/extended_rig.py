@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from analysis.files.write import Writer, holding
+from analysis.files.write import Writer, holding, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
@@ -50,6 +50,14 @@ def extended_files(
         path, content = calibration_path(output), calibrated.model_dump_json(indent=1).encode()
         named, files[path.name] = calibration_file(path.name, content), holding(content)
     return files | {output.name: holding(extended(text, effects, str(output), named).encode())}
+
+
+def write_extended(
+    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
+) -> list[Path]:
+    """Write these files, both or none, and return their paths, the rig file's last. Raises FileError where one exists
+    or cannot be written, RigFileError where an effect is beyond its bounds."""
+    return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
 
 
 def hold_new(output: Path) -> None:

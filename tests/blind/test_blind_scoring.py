@@ -11,7 +11,7 @@ import pytest
 
 from tests.support import stranger
 from tests.support.blind import trial
-from tests.support.blind.answers import VERDICTS, answer_of, name_in
+from tests.support.blind.answers import CONDITIONS, answer_of, name_in
 from tests.support.blind.scoring import Case, cases_of, confusions, report, rows_of, wilson
 
 BACKLASH = {
@@ -36,8 +36,8 @@ def truth(kind: str, *hidden: dict[str, Any], name: str = "a") -> dict[str, Any]
     return {"case": name, "kind": kind, "hidden": list(hidden), "outside": outside}
 
 
-def said(verdict: str, *effects: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return {"verdict": verdict, "effects": list(effects), "left_by_truth": LEFT, "seconds": 1.5} | more
+def said(condition: str, *effects: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"condition": condition, "effects": list(effects), "left_by_truth": LEFT, "seconds": 1.5} | more
 
 
 def case(kind: str, answer: Any, *hidden: dict[str, Any]) -> Case:
@@ -69,14 +69,14 @@ def test_names_are_found_wherever_their_keys_stand() -> None:
     assert name_in({}) == "?"
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_only_verdicts_that_stand_by_names_name(verdict: str) -> None:
-    one = case("one", said(verdict, SAID), BACKLASH)
-    naming = verdict in ("named", "ambiguous")
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_only_verdicts_that_stand_by_names_name(condition: str) -> None:
+    one = case("one", said(condition, SAID), BACKLASH)
+    naming = condition in ("named", "ambiguous")
     assert one.exact is naming
     assert bool(one.answer.effects) is naming
     assert value_of([one], "answers missing or broken")[1] is True
-    assert value_of([one], "inside the library, called outside")[1] is (verdict != "outside_library")
+    assert value_of([one], "inside the library, called outside")[1] is (condition != "outside_library")
 
 
 def test_a_name_of_the_class_counts_and_a_second_name_spoils_it() -> None:
@@ -104,7 +104,7 @@ def test_half_right_of_two() -> None:
 
 
 def test_healthy_arms_and_foreign_effects() -> None:
-    healthy = [case("none", said("within_tolerance")), case("none", said("named", SAID))]
+    healthy = [case("none", said("nothing_unusual")), case("none", said("named", SAID))]
     assert value_of(healthy, "healthy arm: something named") == ("50.0 % (9.5 … 90.5), 1 of 2", False)
     assert confusions(healthy) == [("-", "backlash 1", 1)]
     foreign = [case("outside", said("outside_library", SAID)), case("outside", said("named", SAID))]
@@ -124,8 +124,8 @@ def test_gap_size_cover_and_time() -> None:
 
 @pytest.mark.parametrize(
     "broken",
-    [None, {}, {"error": "no"}, {"verdict": 3}, {"verdict": "named", "effects": None, "left_by_truth": None},
-     {"verdict": "named", "effects": ["?", {}], "left_by_truth": {"held_out": "x", "unseen_place": None}}],
+    [None, {}, {"error": "no"}, {"condition": 3}, {"condition": "named", "effects": None, "left_by_truth": None},
+     {"condition": "named", "effects": ["?", {}], "left_by_truth": {"held_out": "x", "unseen_place": None}}],
 )  # fmt: skip
 def test_missing_and_broken_answers_are_scored_as_wrong(broken: Any) -> None:
     one = case("one", broken, BACKLASH)
@@ -137,7 +137,7 @@ def test_missing_and_broken_answers_are_scored_as_wrong(broken: Any) -> None:
 
 def test_the_report_has_every_row_and_says_when_there_are_no_cases() -> None:
     assert report([]).count("no cases") == len(rows_of([]))
-    text = report([case("one", said("named", SAID), BACKLASH), case("none", said("within_tolerance"))])
+    text = report([case("one", said("named", SAID), BACKLASH), case("none", said("nothing_unusual"))])
     assert "100.0 % (20.7 … 100.0), 1 of 1  reached" in text
     assert math.isnan(answer_of(None).seconds)
 
@@ -145,10 +145,10 @@ def test_the_report_has_every_row_and_says_when_there_are_no_cases() -> None:
 def test_a_case_is_imported_blindly_and_its_answer_kept(blind_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The paths that a diagnosis is told say neither kind nor seed, and no truth lies below them."""
     told = []
-    monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("within_tolerance", SAID_SMALL))
+    monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("nothing_unusual", SAID_SMALL))
     job = trial.Job("one", 2, "limits", blind_root)
     answer = trial.run_job(job)
-    assert answer["verdict"] == "within_tolerance"
+    assert answer["condition"] == "nothing_unusual"
     # What is said in vain leaves all, or a good deal, of what is hidden.
     assert answer["left_by_truth"]["held_out"] > 0.1
     assert [len(runs) for runs in told] == [13, 2, 2]
@@ -165,4 +165,4 @@ def test_a_diagnosis_that_fails_is_a_missing_answer(blind_root: Path, monkeypatc
     monkeypatch.setattr(trial, "diagnose_case", fails)
     answer = trial.run_job(trial.Job("none", 2, "limits", blind_root)) or {}
     assert answer["error"] == "RuntimeError: singular"
-    assert answer_of(answer).verdict == "none"
+    assert answer_of(answer).condition == "none"

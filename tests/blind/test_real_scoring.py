@@ -29,8 +29,8 @@ def case(kind: str, answer: Any, *hidden: dict[str, Any], **more: Any) -> RealCa
     return real_cases_of([truth], {"a": answer})[0]
 
 
-def said(verdict: str, *effects: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return {"verdict": verdict, "effects": list(effects), "seconds": 1.5} | more
+def said(condition: str, *effects: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"condition": condition, "effects": list(effects), "seconds": 1.5} | more
 
 
 def row(cases: list[RealCase], figure: str, after: str = "") -> tuple[str, bool | None]:
@@ -46,20 +46,20 @@ def test_a_right_first_name_counts_and_a_wrong_one_before_it_does_not() -> None:
     assert row([right], "one fault, testable: first and right")[1] is True
     assert row([late], "one fault, testable: first and right")[1] is False
     assert row([late], "in the list", "one fault, testable: first and right")[1] is True
-    assert row([right], "material names whose true size is healthy")[0].startswith("50.0 %")
+    assert row([right], "names whose true size is healthy")[0].startswith("50.0 %")
 
 
 def test_twins_count_and_faults_that_cannot_be_seen_do_not() -> None:
     twin = {"effect": "servo_lag", "axis": 1}
     assert case("one", said("named", twin), BACKLASH).first
-    unseen = case("one", said("within_tolerance"), BACKLASH | {"testable": False})
+    unseen = case("one", said("nothing_unusual"), BACKLASH | {"testable": False})
     assert row([unseen], "one fault, testable: first and right") == ("no cases", None)
 
 
-def test_a_name_that_is_said_not_to_be_material_is_not_scored() -> None:
-    healthy = case("healthy", said("within_tolerance", LAG | {"material": False}))
-    assert row([healthy], "healthy arm: a material name that is not there")[1] is True
-    assert row([case("healthy", said("named", LAG))], "healthy arm: a material name that is not there")[1] is False
+def test_a_name_that_the_answer_does_not_stand_by_is_not_scored() -> None:
+    healthy = case("healthy", said("nothing_unusual", LAG | {"stands": False}))
+    assert row([healthy], "healthy arm: a name that is not there")[1] is True
+    assert row([case("healthy", said("named", LAG))], "healthy arm: a name that is not there")[1] is False
 
 
 def test_a_name_that_the_arm_has_at_five_times_its_healthy_size_is_not_wrong() -> None:
@@ -95,7 +95,7 @@ def test_foreign_signals() -> None:
 
 def test_worth_follows_from_the_gap_where_an_answer_has_no_key_for_it() -> None:
     answer = said("named", {"effect": "time_lag", "gap_without_um": 50.0}, gap={"train": {"after": 30.0}})
-    assert case("healthy", answer).material[0].worth_um == pytest.approx(40.0)
+    assert case("healthy", answer).standing[0].worth_um == pytest.approx(40.0)
 
 
 def test_odds_are_held_against_how_often_they_are_right() -> None:
@@ -127,13 +127,15 @@ def test_the_gap_is_that_of_every_case_named_or_not() -> None:
 
 def test_rates_agree_where_verdict_and_names_do() -> None:
     same = [case(f"rate_{rate}", said("named", PLAY), BACKLASH) for rate in (50, 500)]
-    figure = "50, 500, 4000 Hz: same verdict and names"
+    figure = "50, 500, 4000 Hz: same condition and names"
     assert row(same, figure)[1] is True
     assert row([same[0], case("rate_500", said("named", PLAY, LAG), BACKLASH)], figure)[1] is False
     assert row(same[:1], figure) == ("no cases", None)
 
 
-@pytest.mark.parametrize("broken", [None, {}, {"error": "no"}, {"verdict": 3}, {"verdict": "named", "effects": ["?"]}])
+@pytest.mark.parametrize(
+    "broken", [None, {}, {"error": "no"}, {"condition": 3}, {"condition": "named", "effects": ["?"]}]
+)
 def test_missing_and_broken_answers_are_scored_as_wrong(broken: Any) -> None:
     one = case("one", broken, BACKLASH)
     assert not one.first and not one.listed

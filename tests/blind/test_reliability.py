@@ -21,7 +21,7 @@ def _kept(root: Path, count: int) -> None:
         truth = {"case": case.name, "kind": "one", "seed": number, "outside": [], "background": []}
         hidden = [FAULT | {"testable": True}]
         (root / "truth" / f"{case.name}.json").write_text(json.dumps(truth | {"hidden": hidden}))
-        (case / "answer.json").write_text(json.dumps({"verdict": "named", "effects": [PLAY], "seconds": 2.0}))
+        (case / "answer.json").write_text(json.dumps({"condition": "named", "effects": [PLAY], "seconds": 2.0}))
     (root / "cases" / "case-begun").mkdir()
 
 

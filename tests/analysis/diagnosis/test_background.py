@@ -114,7 +114,7 @@ def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal
 def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
     """Of a form of several sizes over its healthy share, everything else as it is."""
     cols = list(FORMS[k].columns)
-    fault, pick, _ = _posterior().gains(FORMS, 1.0)
+    fault, pick, *_ = _posterior().gains(FORMS, 1.0)
 
     def evidence(each: float, expected: float = 0.0) -> float:
         variance = VARIANCE.copy()
@@ -134,8 +134,18 @@ def test_the_evidence_is_the_density_of_the_readings() -> None:
 
 
 def test_a_form_that_is_named_already_gains_nothing() -> None:
-    fault, pick, sigma = _posterior().gains(FORMS, 1.0)
-    assert fault[1] == pick[1] == -np.inf and sigma[1] == 0
+    fault, pick, sigma, size = _posterior().gains(FORMS, 1.0)
+    assert fault[1] == pick[1] == -np.inf and sigma[1] == size[1] == 0
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_the_size_that_readings_show_is_that_without_a_prior(k: int) -> None:
+    cols = list(FORMS[k].columns)
+    variance = VARIANCE.copy()
+    variance[cols] = 0.0
+    weighted = np.linalg.solve(_with_known(variance), X[:, cols])
+    shown = np.linalg.solve(weighted.T @ X[:, cols], weighted.T @ (AWAY + X[:, cols] @ EXPECTED[cols]))
+    assert _posterior().gains(FORMS, 1.0)[3][k] == pytest.approx(np.linalg.norm(shown), rel=1e-6)
 
 
 def test_sigma_is_what_the_readings_say_without_a_healthy_prior() -> None:

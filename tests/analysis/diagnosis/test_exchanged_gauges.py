@@ -50,7 +50,7 @@ def test_a_ball_on_the_other_side_is_not_an_exchange() -> None:
 def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     runs = _with_swaps(circles((PLAY,), seed=43, count=3), [2])
     found = found_in(runs)
-    assert [name_of(one.effect) for one in found.effects if one.material] == ["backlash 5"]
+    assert [name_of(one.effect) for one in found.effects if one.stands] == ["backlash 5"]
     assert any(
         doubt.startswith("yaw-cw-2 is left out: compared with its repeats, its gauges g1 and g2 are exchanged")
         for doubt in found.doubts
@@ -62,6 +62,6 @@ def test_an_exchange_in_all_runs_is_doubted_and_makes_no_name() -> None:
     runs = circles((PLAY,), seed=44)
     found = found_in(_with_swaps(runs, range(len(runs))))
     assert found.doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
-    assert found.verdict == "outside_library" and found.standing == ()
+    assert found.condition == "outside_library" and found.standing == ()
     assert found.remainder.um < 2 * found.train.before_um
     assert not any("may be exchanged" in doubt for doubt in found_in(runs).doubts)

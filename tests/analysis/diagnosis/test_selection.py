@@ -182,10 +182,14 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
     assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)
 
 
-def test_what_moves_readings_less_than_the_limits_has_no_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
-    zero, linear, compared = JointOffset(axis=3, offset_deg=0.2), healthy(), list[str]()
+@pytest.mark.parametrize(("offset_deg", "level"), [(0.2, 1.0), (0.08, 0.5)])
+def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limits(
+    offset_deg: float, level: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is larger than any healthy arm shows is never too small to say."""
+    zero, linear, compared = JointOffset(axis=3, offset_deg=offset_deg), healthy(), list[str]()
     selection = Selection(holding(linear, shown_by(linear, [zero]) + white(linear, 18)), healthy_columns())
-    state = selection.initial_state((zero,))
+    state = replace(selection.initial_state((zero,)), level=level)
 
     def odds(_: Selection, of: SelectionState, place: int) -> RivalOdds:
         compared.append(name_of(of.refined.effects[place]))
@@ -195,7 +199,8 @@ def test_what_moves_readings_less_than_the_limits_has_no_rivals(monkeypatch: pyt
     for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
         found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
         assert [name_of(effect) for effect in found.refined.effects] == ["joint_offset 3"]
-        assert compared == ["joint_offset 3"] * (limit < 1)
+        assert compared == ["joint_offset 3"] * (limit < 1 or level == 1.0)
+        compared.clear()
 
 
 def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch: pytest.MonkeyPatch) -> None:

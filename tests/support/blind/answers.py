@@ -7,30 +7,39 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-VERDICTS = ("named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here")
+CONDITIONS = (
+    "named",
+    "ambiguous",
+    "outside_library",
+    "undecided",
+    "uncalibrated",
+    "nothing_unusual",
+    "not_testable_here",
+)
 _NAMING = ("named", "ambiguous")
 
 
 @dataclass(frozen=True)
 class Named:
     """One effect of an answer: its name as the truth writes it, its rivals' names, parameters as (value, sd or nan);
-    posterior: nan where none is told; material: True where nothing is said of it; worth_um: nan if unknown."""
+    posterior: nan where none is told; stands: True where nothing is said of it; worth_um: nan if unknown."""
 
     name: str
     rivals: tuple[str, ...]
     parameters: Mapping[str, tuple[float, float]]
     posterior: float = math.nan
-    material: bool = True
+    stands: bool = True
     worth_um: float = math.nan
 
 
 @dataclass(frozen=True)
 class Answer:
-    """verdict: one of VERDICTS, or what else was said, or `none`; effects: those of a verdict that names; listed: those
-    of any verdict; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds:
-    how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if nothing is said."""
+    """condition: one of CONDITIONS, or what else was said, or `none`; effects: those that stand, where the condition
+    names; listed: those of any condition; left: share of what was hidden that they leave, by place, as the trial found
+    by the truth; seconds: how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if
+    nothing is said."""
 
-    verdict: str
+    condition: str
     effects: tuple[Named, ...]
     left: Mapping[str, float]
     seconds: float
@@ -40,15 +49,17 @@ class Answer:
 
 def answer_of(data: Mapping[str, Any] | None) -> Answer:
     """What an answer says; None, an error or a broken answer is `none`."""
-    if not isinstance(data, Mapping) or not isinstance(data.get("verdict"), str):
+    if not isinstance(data, Mapping) or not isinstance(data.get("condition"), str):
         return Answer("none", (), {}, math.nan)
-    verdict = data["verdict"]
+    condition = data["condition"]
     left = data.get("left_by_truth") if isinstance(data.get("left_by_truth"), Mapping) else {}
     after = _number(_at(data, "gap", "train", "after"))
     listed = tuple(_named(one, after) for one in _list(data.get("effects")) if isinstance(one, Mapping))
     known = {str(place): _number(share) for place, share in left.items() if math.isfinite(_number(share))}
-    effects = listed if verdict in _NAMING else ()
-    return Answer(verdict, effects, known, _number(data.get("seconds")), listed, _number(_at(data, "remainder", "um")))
+    effects = tuple(one for one in listed if one.stands) if condition in _NAMING else ()
+    return Answer(
+        condition, effects, known, _number(data.get("seconds")), listed, _number(_at(data, "remainder", "um"))
+    )
 
 
 def name_in(effect: Mapping[str, Any]) -> str:
@@ -79,7 +90,7 @@ def _named(effect: Mapping[str, Any], after_um: float) -> Named:
         rivals,
         found,
         _number(effect.get("posterior")),
-        effect.get("material") is not False,
+        effect.get("stands") is not False,
         _number(effect.get("worth_um", worth)),
     )
 

@@ -1,7 +1,7 @@
 """The figures to beat in real cells (real-cells.md): truths and answers in, the table out.
 
 A name is right where it is a fault or its twin, which no data of these tests can tell apart. Any other is wrong unless
-the arm really has so much of it: from 5 healthy sizes on. Only material names count. Shares come with 95 % Wilson
+the arm really has so much of it: from 5 healthy sizes on. Only names that stand count. Shares come with 95 % Wilson
 intervals.
 """
 
@@ -45,13 +45,13 @@ class RealCase:
         return all(one["testable"] for one in self.truth["hidden"])
 
     @property
-    def material(self) -> list[Named]:
-        return [named for named in self.answer.listed if named.material]
+    def standing(self) -> list[Named]:
+        return [named for named in self.answer.listed if named.stands]
 
     @property
     def wrong(self) -> list[Named]:
         """Material names whose true size is healthy."""
-        return [named for named in self.material if not (self.fault_of(named.name) or self._is_large(named.name))]
+        return [named for named in self.standing if not (self.fault_of(named.name) or self._is_large(named.name))]
 
     def fault_of(self, name: str) -> Mapping[str, Any] | None:
         """The fault that a name stands for, the very one before a twin."""
@@ -70,22 +70,22 @@ class RealCase:
 
     @property
     def first(self) -> bool:
-        return bool(self.material) and self.fault_of(self.material[0].name) is not None
+        return bool(self.standing) and self.fault_of(self.standing[0].name) is not None
 
     @property
     def listed(self) -> bool:
         """Whether a fault stands in the answer, as a name or as a rival of one."""
-        said = {name for named in self.material for name in (named.name, *named.rivals)}
+        said = {name for named in self.standing for name in (named.name, *named.rivals)}
         return any(said & set(one["class"]) for one in self.truth["hidden"])
 
     @property
     def all_named(self) -> bool:
-        said = {named.name for named in self.material}
+        said = {named.name for named in self.standing}
         return all(said & set(one["class"]) for one in self.truth["hidden"])
 
     @property
     def outside(self) -> bool:
-        return self.answer.verdict == "outside_library"
+        return self.answer.condition == "outside_library"
 
     @property
     def tells_foreign(self) -> bool:
@@ -121,7 +121,7 @@ def rows_of(cases: Sequence[RealCase]) -> list[Row]:
     seen_foreign = [case for case in third if case.truth["outside"][0]["testable"]]
     known = of("one", "one_large", "two", "three")
     return [
-        _share("healthy arm: a material name that is not there", 0.01, healthy, lambda c: bool(c.wrong), most=True),
+        _share("healthy arm: a name that is not there", 0.01, healthy, lambda c: bool(c.wrong), most=True),
         _share("  called outside", 0.02, healthy, lambda c: c.outside, most=True),
         _share("one fault, testable: first and right", 0.97, of("one"), lambda c: c.first),
         _share("  in the list", 0.98, of("one"), lambda c: c.listed),
@@ -129,7 +129,7 @@ def rows_of(cases: Sequence[RealCase]) -> list[Row]:
         _share("  at least 8 × healthy: in the list", 0.995, of("one_large"), lambda c: c.listed),
         _share("two faults, testable: all named", 0.93, of("two"), lambda c: c.all_named),
         _share("three faults, testable: all named", 0.93, of("three"), lambda c: c.all_named),
-        _wrong("material names whose true size is healthy", of(*ASSUMED, testable=False)),
+        _wrong("names whose true size is healthy", of(*ASSUMED, testable=False)),
         *[_odds(one) for one in reliability(cases)],
         *_removed(known),
         _sizes(known),
@@ -141,7 +141,7 @@ def rows_of(cases: Sequence[RealCase]) -> list[Row]:
         *[row for kind in SHIFTED for row in _shifted(kind, of(kind), of(kind, testable=False))],
         _rates(cases),
         time_row([case.answer for case in cases if case.kind not in ("rate_500", "rate_4000")], 3.0),
-        _share("answers missing or broken", 0.0, cases, lambda c: c.answer.verdict == "none", most=True),
+        _share("answers missing or broken", 0.0, cases, lambda c: c.answer.condition == "none", most=True),
     ]  # fmt: skip
 
 
@@ -152,13 +152,13 @@ def _share(
 
 
 def _wrong(figure: str, cases: Sequence[RealCase]) -> Row:
-    return counted(figure, 0.02, sum(len(c.wrong) for c in cases), sum(len(c.material) for c in cases), most=True)
+    return counted(figure, 0.02, sum(len(c.wrong) for c in cases), sum(len(c.standing) for c in cases), most=True)
 
 
 def _shifted(kind: str, testable: Sequence[RealCase], every: Sequence[RealCase]) -> list[Row]:
     return [
         _share(f"{kind}: first and right", 0.92, testable, lambda case: case.first),
-        _wrong("  wrong material names", every),
+        _wrong("  wrong names that stand", every),
     ]
 
 
@@ -175,12 +175,12 @@ class Odds:
 
 
 def reliability(cases: Sequence[RealCase]) -> list[Odds]:
-    """Of all material names of arms in the world as specified, bin by bin."""
+    """Of all names that stand of arms in the world as specified, bin by bin."""
     told = [
         (named.posterior, named not in case.wrong)
         for case in cases
         if case.kind in ASSUMED
-        for named in case.material
+        for named in case.standing
         if math.isfinite(named.posterior)
     ]
     found = []
@@ -216,7 +216,7 @@ def _sizes(cases: Sequence[RealCase]) -> Row:
     """Of faults named by their very name: the truth is planted and healthy share."""
     covered = []
     for case in cases:
-        for named in case.material:
+        for named in case.standing:
             one = case.fault_of(named.name)
             if one is None or one["name"] != named.name:
                 continue
@@ -230,14 +230,16 @@ def _sizes(cases: Sequence[RealCase]) -> Row:
 
 
 def _rates(cases: Sequence[RealCase]) -> Row:
-    """Cases of one seed at all rates that were tried, with one verdict and the same names."""
+    """Cases of one seed at all rates that were tried, with one condition and the same names."""
     by_seed: dict[int, list[tuple[str, frozenset[str]]]] = {}
     for case in cases:
         if case.kind.startswith("rate_"):
-            said = case.answer.verdict, frozenset(case.said(named.name) for named in case.material)
+            said = case.answer.condition, frozenset(case.said(named.name) for named in case.standing)
             by_seed.setdefault(case.truth["seed"], []).append(said)
     groups = [said for said in by_seed.values() if len(said) > 1]
-    return counted("50, 500, 4000 Hz: same verdict and names", 0.98, sum(len(set(g)) == 1 for g in groups), len(groups))
+    return counted(
+        "50, 500, 4000 Hz: same condition and names", 0.98, sum(len(set(g)) == 1 for g in groups), len(groups)
+    )
 
 
 def notes(cases: Sequence[RealCase]) -> list[str]:
@@ -245,21 +247,21 @@ def notes(cases: Sequence[RealCase]) -> list[str]:
     lines = []
     for kind in dict.fromkeys(case.kind for case in cases):
         own = [case for case in cases if case.kind == kind]
-        verdicts = ", ".join(f"{n} {said}" for said, n in Counter(c.answer.verdict for c in own).most_common())
+        conditions = ", ".join(f"{n} {said}" for said, n in Counter(c.answer.condition for c in own).most_common())
         seconds = [case.answer.seconds for case in own if math.isfinite(case.answer.seconds)]
-        line = f"{kind}: {sum(case.testable for case in own)} of {len(own)} testable; {verdicts}"
+        line = f"{kind}: {sum(case.testable for case in own)} of {len(own)} testable; {conditions}"
         lines.append(f"{line}; {median(seconds):.1f} s a case" if seconds else line)
     wrong = Counter(named.name for case in cases for named in case.wrong)
     missed = [
         (one["name"], bool({named.name for named in case.answer.listed} & set(one["class"])))
         for case in cases
         for one in case.truth["hidden"]
-        if one["testable"] and not {named.name for named in case.material} & set(one["class"])
+        if one["testable"] and not {named.name for named in case.standing} & set(one["class"])
     ]
     below = Counter(name for name, is_listed in missed if is_listed)
     unseen = Counter(name for name, is_listed in missed if not is_listed)
     listed = (
-        ("wrong names", wrong), ("testable faults missed", unseen), ("testable faults found, but not material", below)
+        ("wrong names", wrong), ("testable faults missed", unseen), ("testable faults found, but not stood by", below)
     )  # fmt: skip
     for what, names in listed:
         if names:

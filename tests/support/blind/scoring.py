@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.blind.answers import VERDICTS, Answer, Named, answer_of
+from tests.support.blind.answers import CONDITIONS, Answer, Named, answer_of
 
 INSIDE = ("one", "two", "three", "wrong_form", "dense")
 _Z = 1.959964
@@ -121,11 +121,11 @@ def _names(case: Case) -> bool:
 
 
 def _flagged(case: Case) -> bool:
-    return case.answer.verdict == "outside_library"
+    return case.answer.condition == "outside_library"
 
 
 def _missing(case: Case) -> bool:
-    return case.answer.verdict not in VERDICTS
+    return case.answer.condition not in CONDITIONS
 
 
 def _share(figure: str, goal: float, cases: Sequence[Case], test: Callable[[Case], bool], *, most: bool = False) -> Row:
@@ -212,15 +212,15 @@ def _confused(case: Case) -> list[tuple[str, str]]:
     good = case.pairs()
     missed = [one["name"] for one in case.truth["hidden"] if not any(one is other for other, _ in good)]
     wrong = [named.name for named in case.answer.effects if not any(named is other for _, other in good)]
-    return [(one, other) for one in missed or ["-"] for other in wrong or [f"- ({case.answer.verdict})"]]
+    return [(one, other) for one in missed or ["-"] for other in wrong or [f"- ({case.answer.condition})"]]
 
 
 def notes(cases: Sequence[Case]) -> list[str]:
-    """What helps to read the table: verdicts by kind, and misses that a nearer look could hardly have avoided."""
+    """What helps to read the table: conditions by kind, and misses that a nearer look could hardly have avoided."""
     lines = []
     for kind in dict.fromkeys(case.kind for case in cases):
-        verdicts = Counter(case.answer.verdict for case in cases if case.kind == kind)
-        lines.append(f"{kind}: " + ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()))
+        conditions = Counter(case.answer.condition for case in cases if case.kind == kind)
+        lines.append(f"{kind}: " + ", ".join(f"{count} {said}" for said, count in conditions.most_common()))
     missed = [case for case in cases if case.kind in INSIDE and not case.exact]
     near = sum(any(one["nearest_rival"]["sigma"] < 3 for one in case.truth["hidden"]) for case in missed)
     lines.append(f"{near} of {len(missed)} misses inside the library have a rival nearer than 3 sigma")

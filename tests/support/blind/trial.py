@@ -145,17 +145,17 @@ def left_by_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any
 
 
 def left_by_real_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any]) -> dict[str, float]:
-    """Share of the faults' energy at the unseen place that the material effects of an answer leave.
+    """Share of the faults' energy at the unseen place that those effects of an answer leave which stand.
 
     A name that is no fault is held against its healthy share, which is in the arm as well.
     """
-    material = [one for one in answer.get("effects") or [] if one.get("material") is not False]
-    faults, named, there = gap_of_real(truth, case, {name_in(one) for one in material})
+    standing = [one for one in answer.get("effects") or [] if one.get("stands") is not False]
+    faults, named, there = gap_of_real(truth, case, {name_in(one) for one in standing})
     energy = energy_of(faults, [lap.added for lap in faults])
     # Below a thousandth of a micrometre the faults do not show at this place.
     if energy < 1e-12 * sum(lap.added.size for lap in faults):
         return {}
-    effects = [effect_of(one) for one in material]
+    effects = [effect_of(one) for one in standing]
     rig_file, setup = case / "unseen.yaml", truth["setup"]["unseen"]
     starts = (there, np.array(setup["ball_mm"]))
     left = min(_left_fitted(effects, rig_file, setup, named, ball) for ball in starts)
