@@ -96,7 +96,7 @@ def test_the_model_of_a_rig_has_the_effects_of_both_files(tmp_path: Path) -> Non
     assert rig.effects[0].effect == "backlash" and rig.calibrated
     everything = [(NAMED, 1.0), *SMALL]
     kinds = [one.effect for one in model_of(rig).effects]
-    assert kinds.count("backlash") == 1 and "joint_portion" in kinds and "joint_curve" in kinds
+    assert kinds.count("backlash") == 1 and "joint_portions" in kinds and "joint_curve" in kinds
     assert len(kinds) == len(everything)
 
 
@@ -239,8 +239,8 @@ def test_a_rig_can_have_the_errors_of_another_one(tmp_path: Path) -> None:
 def test_a_second_calibration_takes_the_place_of_the_first(tmp_path: Path) -> None:
     text = written(tmp_path)[0].read_text()
     later = CalibrationFile(file="later.calibration.json", sha256="a" * 64)
-    behind = text.replace("calibration:", "limits: {}\ncalibration:", 1)
-    for before in (text, f"# a remark\n{text}", behind, f"{text}\nlimits: {{}}\n# the end\n"):
+    behind = text.replace("calibration:", "automatic: null\ncalibration:", 1)
+    for before in (text, f"# a remark\n{text}", behind, f"{text}\nautomatic: null\n# the end\n"):
         grown = extended(before, (JointOffset(axis=2, offset_deg=0.1),), "cell", later)
         assert grown.count("calibration:") == 1 and "cell.calibration.json" not in grown
         rig = parse(grown, "cell")

@@ -149,6 +149,7 @@ _KNOWN = {
     "reporting/plots.py": "the same",
     "paper/pictures.py": "the same",
     "reporting/html_page.py": "the parent of a file that durable.replace writes",
+    "reporting/page/pdf.py": "the same",
     "reporting/page/still_chart.py": "a picture in memory",
 }
 
