@@ -121,6 +121,14 @@ class AnswerWords:
         """The size of a part that is an effect, ± its standard uncertainty; empty for others."""
         return size(self.found.effects[part.index]) if part.index is not None else ""
 
+    def rank_of(self, part: BudgetPart) -> str:
+        """The class of a part; empty where it has none. What is unusual though other arms show as much is so because
+        this arm shows less elsewhere."""
+        if part.rank is None:
+            return ""
+        here = part.rank == "unusual" and part.times_usual is not None and part.times_usual <= 1
+        return self.texts("rank_unusual_here" if here else f"rank_{part.rank}")
+
     def times_usual(self, part: BudgetPart) -> str:
         """How many times as much as usual a part does; empty where that has no meaning."""
         times = part.times_usual

@@ -98,7 +98,7 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
         name = ", ".join(filter(None, [words.part_name(one), words.size_of(one)]))
         times = f"{one.times_usual:.1f}" if one.times_usual is not None else ""
         style = "bold" if one.rank == "unusual" else ""
-        table.add_row(name, um, percent(one.share), times, one.rank or "", style=style)
+        table.add_row(name, um, percent(one.share), times, words.rank_of(one), style=style)
     if small:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")

@@ -73,7 +73,7 @@ def _row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: 
         start=start,
         width=width,
         rank=part.rank or "",
-        rank_words=texts(f"rank_{part.rank}") if part.rank else "",
+        rank_words=words.rank_of(part),
         times=words.times_usual(part),
     )
 

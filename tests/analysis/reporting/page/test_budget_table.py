@@ -48,5 +48,11 @@ def test_bars_begin_at_zero_and_a_share_below_it_is_explained() -> None:
     assert positive and not positive.negative and positive.zero == 0
 
 
+def test_what_is_unusual_below_the_usual_size_is_so_for_this_arm() -> None:
+    parts = (BudgetPart("gravity", 30.0, 1.0, 1.0, times_usual=0.8, rank="unusual"),)
+    table = budget_table(diagnosis(budget=parts), texts_of("en"))
+    assert table and (table.rows[0].rank_words, table.rows[0].times) == ("unusual for this arm", "0.8 × usual")
+
+
 def test_runs_that_show_nothing_have_no_table() -> None:
     assert budget_table(diagnosis("not_testable_here"), texts_of("en")) is None
