@@ -240,12 +240,12 @@ def diagnose(
     rig: the model to begin with; the rig file of the first run where it is None.
     hold_out: runs of the same places to judge by, which are not used to find names.
     unseen: runs at another place or radius to judge by.
-    tolerance_um: effects that move readings by more than this (rms) are material; the scatter of one run where None.
+    tolerance_um: the largest error of the readings that is accepted, rms; the limits of the rig file where None.
     progress: called with a few words at each step, which may take seconds.
 
-    Returns the verdict, the `effects` with their odds, sizes and rivals, where measurement and model disagree, the rms
-    gap in µm before and after on each set of runs, the curves of residuals, and `extended_rig`, the model with the
-    effects that the diagnosis stands by.
+    Returns the two verdicts, `condition` and `accuracy`, the `budget` of the error, the `effects` with their odds, sizes
+    and rivals, the rms gap in µm before and after on each set of runs, the curves of residuals, `calibrated`, the
+    calibrated model, and `extended_rig`, the model with the effects that the diagnosis stands by.
 
     Raises FileError where a run is of another robot or given twice, or where there are too few readings.
 
