@@ -262,7 +262,7 @@ class _Portions(_Calibrated):
         return changed
 
     def compensation(self) -> Compensation:
-        """That of each of the effects, which have it in common."""
+        """The same as each of the effects, which have it in common."""
         return self.portions[0].of.compensation()
 
 

@@ -243,8 +243,8 @@ def diagnose(
     tolerance_um: the largest error of the readings that is accepted, rms; the limits of the rig file where None.
     progress: called with a few words at each step, which may take seconds.
 
-    Returns the two verdicts, `condition` and `accuracy`, the `budget` of the error, the `effects` with their odds, sizes
-    and rivals, the rms gap in µm before and after on each set of runs, the curves of residuals, `calibrated`, the
+    Returns the two verdicts, `condition` and `accuracy`, the `budget` of the error, the `effects` with their odds,
+    sizes and rivals, the rms gap in µm before and after on each set of runs, the curves of residuals, `calibrated`, the
     calibrated model, and `extended_rig`, the model with the effects that the diagnosis stands by.
 
     Raises FileError where a run is of another robot or given twice, or where there are too few readings.

@@ -14,7 +14,7 @@ from rigs.errors import CellError, FileError
 _INSTALL = "pip install 'rig[pdf]'"
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"
 _STYLE = """
-.pictures { display: block !important; }
+.pictures, .both, dl { display: block !important; }
 figure.polar { display: inline-block; width: 49%; }
 .verdict { break-inside: auto !important; }
 """
