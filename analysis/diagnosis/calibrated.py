@@ -112,12 +112,13 @@ def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
         (min(one[0], other[0]), max(one[1], other[1]))
         for one, other in zip(before.joints_deg, found.joints_deg, strict=True)
     ]
-    return found.model_copy(
-        update={
-            "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
-            "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
-        }
-    )  # fmt: skip
+    # A copy would keep the root and the effects that are known of the one found.
+    fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
+    fields |= {
+        "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+        "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+    }  # fmt: skip
+    return CalibratedModel.model_construct(**fields)
 
 
 def _root(covariance: Array) -> Array:
