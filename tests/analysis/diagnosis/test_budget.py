@@ -68,7 +68,9 @@ def test_what_cancels_another_part_has_a_negative_share() -> None:
     found = _of_poses(*BOTH)
     large, small = (_line(found, label_of(one)) for one in BOTH)
     assert large.share > 1 and small.share < -0.01
-    assert found.train.before_um < found.effects[small.index or 0].gap_without_um < large.um * 1.05
+    one = found.effects[small.index or 0]
+    assert one.alone_um > found.train.before_um, "its remedy alone makes the gap wider"
+    assert one.gap_without_um == pytest.approx(small.um, rel=0.05), "beside the other one it is what is left"
 
 
 def test_certainty_is_of_what_an_effect_does_and_not_of_one_parameter() -> None:
