@@ -89,7 +89,7 @@ def calibrated_beside(rig: Rig, directory: Path) -> Rig:
 
 def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
     """The content of a calibration file that a rig file names. Raises FileError."""
-    if named.sha256 not in _calibrations:
+    if named.sha256 not in _calibrations or not path.is_file():
         content = _read_calibration(path, named.sha256)
         while len(_calibrations) >= _MOST_KEPT:
             del _calibrations[next(iter(_calibrations))]

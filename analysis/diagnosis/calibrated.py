@@ -66,10 +66,10 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     `elsewhere`."""
     effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
     terms = [Term.model_construct(effect=one, times=1.0, named=one in standing) for one in effects]
-    more = background_terms(result.posterior)
+    more = background_terms(result.calibrated_posterior)
     parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
-    root = _root(covariance_of(result.posterior, unknowns))
+    root = _root(covariance_of(result.calibrated_posterior, unknowns))
     angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
     found = CalibratedModel.model_construct(
         format=1,
@@ -112,12 +112,13 @@ def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
         (min(one[0], other[0]), max(one[1], other[1]))
         for one, other in zip(before.joints_deg, found.joints_deg, strict=True)
     ]
-    return found.model_copy(
-        update={
-            "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
-            "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
-        }
-    )  # fmt: skip
+    # A copy would keep the root and the effects that are known of the one found.
+    fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
+    fields |= {
+        "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+        "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+    }  # fmt: skip
+    return CalibratedModel.model_construct(**fields)
 
 
 def _root(covariance: Array) -> Array:

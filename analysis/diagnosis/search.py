@@ -84,6 +84,14 @@ class SearchResult:
         share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
         return share
 
+    @cached_property
+    def calibrated_posterior(self) -> Posterior:
+        """The posterior without free forms. No model holds them, and what they take and the background gives back would
+        be left in it: 92 µm where the names alone left 19."""
+        if not self.state.free_forms:
+            return self.posterior
+        return self.selection.posterior(self.selection.without_free_forms(self.state))
+
     @property
     def residual(self) -> Array:
         """The whitened residual (N,) of the model with the names, with set-ups fitted."""

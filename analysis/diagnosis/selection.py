@@ -23,6 +23,7 @@ from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, 
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
+from analysis.diagnosis.response import Response
 from analysis.diagnosis.selection_state import FAULT, SelectionState, is_alike, is_one, is_same, is_twice, series_among
 from analysis.diagnosis.settling import beginnings, settled
 from analysis.diagnosis.starting_effect import starting_effects
@@ -206,6 +207,11 @@ class Selection:
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
         return self.background(state).posterior(state.refined.known)
+
+    def without_free_forms(self, state: SelectionState) -> SelectionState:
+        """Return the state without its free forms, with the same effects and the noise that it shows then."""
+        none = Response(np.empty((len(self.linear.y), 0)))
+        return self._renewed(replace(state, free_forms=(), refined=replace(state.refined, free=none)))
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that

@@ -51,7 +51,7 @@ class Stages:
 def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm."""
     names = result.state.refined.effects
-    effects = ((), names, (*names, *background_effects(result.posterior)))
+    effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
     return Stages(effects, tuple(fit_run_setups(with_effects(runs, own))[0] for own in effects))
 
 

@@ -201,7 +201,7 @@ def test_a_diagnosis_in_plain_types_and_as_a_table(laps: list[Measured]) -> None
     steps: list[str] = []
     found = diagnose(laps, progress=steps.append)
     assert len(steps) > 2
-    assert found.to_dict()["verdict"] == found.verdict
+    assert found.to_dict()["condition"] == found.condition
     assert {"name", "parameter", "value", "sd", "worth_um"} <= set(found.to_table().column_names)
     assert found.curves[0].to_table().column_names[:3] == ["phi_deg", "g1_before_um", "g2_before_um"]
 

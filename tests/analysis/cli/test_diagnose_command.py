@@ -79,7 +79,7 @@ def found(cell: Cell) -> tuple[dict[str, Any], str, Path]:
 
 def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any], str, Path]) -> None:
     answer, _, _ = found
-    assert answer["verdict"] == "named"
+    assert answer["condition"] == "named"
     (effect,) = answer["effects"]
     assert (effect["effect"], effect["axis"]) == ("backlash", 1) and effect["posterior"] > 0.9
     assert effect["parameters"]["width_deg"]["value"] == pytest.approx(0.02, rel=0.05)

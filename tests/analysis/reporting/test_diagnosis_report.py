@@ -25,6 +25,7 @@ from analysis.reporting.diagnosis_words import closed, plain, shortened, size, s
 from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
 from rigs.errors import FileError
 from rigs.load import load
+from tests.support.handmade_calibration import calibrated_model
 from tests.support.handmade_diagnosis import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
 
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -127,7 +128,7 @@ def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) 
 def test_the_screen_stays_short_when_there_is_much() -> None:
     names = tuple(f"transmission_error {axis} order {order}" for axis in range(1, 7) for order in range(1, 40))
     many = diagnosis(where=PLACES * 10, not_testable=names, groups=(("a 1", "b 2"),) * 30)
-    assert len(_printed(many).splitlines()) < 70
+    assert len(_printed(many).splitlines()) < 80
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
@@ -206,15 +207,19 @@ def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
     model_of(load(extended)[0])
 
 
-@pytest.mark.parametrize(("condition", "files"), [("ambiguous", 3), ("nothing_unusual", 3), ("not_testable_here", 2)])
-def test_no_rig_file_is_written_where_the_runs_show_nothing(condition: Condition, files: int, tmp_path: Path) -> None:
-    written = write(diagnosis(condition), TEXT, tmp_path)
+@pytest.mark.parametrize(("condition", "files"), [("ambiguous", 4), ("nothing_unusual", 4), ("not_testable_here", 2)])
+def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
+    condition: Condition, files: int, tmp_path: Path
+) -> None:
+    written = write(diagnosis(condition, calibrated=calibrated_model()), TEXT, tmp_path)
     assert len(written) == files == len(list(tmp_path.iterdir()))
-    if condition == "ambiguous":
-        assert [effect.effect for effect in load(written[-1])[0].effects] == ["joint_offset"]
+    if files == 4:
+        rig, _ = load(written[-1])
+        assert [effect.effect for effect in rig.effects] == ["joint_offset"] * (condition == "ambiguous")
+        assert written[-2].name == "paper-fanuc.calibration.json" and rig.calibrated == calibrated_model()
 
 
-def test_only_faults_go_into_the_rig_file(tmp_path: Path) -> None:
+def test_only_names_that_stand_go_into_the_rig_file(tmp_path: Path) -> None:
     written = write(diagnosis("named", effects=(PLAY, SMALL)), TEXT, tmp_path)
     assert [effect.effect for effect in load(written[-1])[0].effects] == ["backlash"]
 
@@ -248,3 +253,48 @@ def test_figures_in_words() -> None:
     assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
     assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
     assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "said"),
+    [
+        (Accuracy(None, None, 811.0, 1900.4, 110.2, 805.0, "unseen"),
+         "The error is 811 µm rms, at most 1900 µm; the calibrated model leaves 110 µm at the unseen place "
+         "(of 805 µm). Accuracy: not judged; give --tolerance-um, or limits in the rig file."),
+        (Accuracy("fail", "tolerance", 6.12, 17.3, 1.78, 6.12, "used"),
+         "The error is 6.1 µm rms, at most 17 µm; the calibrated model leaves 1.8 µm on these runs. "
+         "Accuracy: fail, by --tolerance-um."),
+        (Accuracy("watch", "data_sheet", 6.12, 17.3, 1.75, 6.3, "held_out"), "Accuracy: watch, by the data sheet."),
+        (Accuracy("pass", "rig_file", 6.12, 17.3, 1.75, 6.3, "held_out"),
+         "Accuracy: pass, by the limits of the rig file."),
+    ],
+)  # fmt: skip
+def test_the_accuracy_is_a_verdict_of_its_own(accuracy: Accuracy, said: str) -> None:
+    found = diagnosis("nothing_unusual", accuracy=accuracy)
+    assert said in accuracy_words(found)
+    assert "tolerance" not in headline(found), "within tolerance is said of a tolerance and of nothing else"
+    assert found.to_dict()["accuracy"]["standing"] == (accuracy.standing or "not_judged")
+
+
+def test_a_usual_part_that_makes_much_is_in_the_first_sentence() -> None:
+    usual = replace(PLAY, doubt="usual", times_usual=2.0)
+    found = diagnosis("nothing_unusual", effects=(usual,))
+    assert headline(found) == (
+        "Nothing was found worn, loose or shifted. 66 % of the error comes from play of axis 1 (Theta) "
+        "(0.0521 ± 0.0011 °, 2.0 × usual)."
+    )
+    few = diagnosis("undecided", effects=(usual,))
+    assert headline(few).startswith("66 % of the error comes from play of axis 1")
+    assert headline(few).endswith("Drive each test 4 times to decide it.")
+    slipping = diagnosis("outside_library", effects=(replace(PLAY, doubt="series"),))
+    assert "comes from" not in headline(slipping), "what imitates something else is no cause"
+    unsure = replace(found, budget=tuple(replace(one, u_um=one.um / 3) for one in found.budget))
+    assert headline(unsure) == "Nothing was found worn, loose or shifted."
+
+
+def test_twins_are_one_name_and_the_budget_says_how_halves_are_shared() -> None:
+    twins = (LinkGeometry(axis=2, field="d"),)
+    twin = replace(PLAY, effect=LinkGeometry(axis=3, field="d", delta=0.7), sd={}, twins=twins)
+    text = " ".join(_printed(diagnosis("named", effects=(twin,)), width=140).split())
+    assert "link_geometry 3.d + link_geometry 2.d" in text
+    assert "of what two parts have in common each has half" in text
