@@ -101,3 +101,8 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) 
     assert all(noun and "{" not in noun and "_" not in noun for noun in nouns)
     assert language == "en" or texts_of(language).nouns.keys() == VOCABULARY.keys()
     assert len(set(nouns)) == len(nouns)
+
+
+def test_what_imitates_something_else_is_no_cause_of_the_error() -> None:
+    slipping = diagnosis("outside_library", effects=(replace(PLAY, doubt="series"),))
+    assert "% of the error comes from" not in AnswerWords(slipping).headline

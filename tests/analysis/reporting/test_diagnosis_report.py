@@ -255,43 +255,6 @@ def test_figures_in_words() -> None:
     assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize(
-    ("accuracy", "said"),
-    [
-        (Accuracy(None, None, 811.0, 1900.4, 110.2, 805.0, "unseen"),
-         "The error is 811 µm rms, at most 1900 µm; the calibrated model leaves 110 µm at the unseen place "
-         "(of 805 µm). Accuracy: not judged; give --tolerance-um, or limits in the rig file."),
-        (Accuracy("fail", "tolerance", 6.12, 17.3, 1.78, 6.12, "used"),
-         "The error is 6.1 µm rms, at most 17 µm; the calibrated model leaves 1.8 µm on these runs. "
-         "Accuracy: fail, by --tolerance-um."),
-        (Accuracy("watch", "data_sheet", 6.12, 17.3, 1.75, 6.3, "held_out"), "Accuracy: watch, by the data sheet."),
-        (Accuracy("pass", "rig_file", 6.12, 17.3, 1.75, 6.3, "held_out"),
-         "Accuracy: pass, by the limits of the rig file."),
-    ],
-)  # fmt: skip
-def test_the_accuracy_is_a_verdict_of_its_own(accuracy: Accuracy, said: str) -> None:
-    found = diagnosis("nothing_unusual", accuracy=accuracy)
-    assert said in accuracy_words(found)
-    assert "tolerance" not in headline(found), "within tolerance is said of a tolerance and of nothing else"
-    assert found.to_dict()["accuracy"]["standing"] == (accuracy.standing or "not_judged")
-
-
-def test_a_usual_part_that_makes_much_is_in_the_first_sentence() -> None:
-    usual = replace(PLAY, doubt="usual", times_usual=2.0)
-    found = diagnosis("nothing_unusual", effects=(usual,))
-    assert headline(found) == (
-        "Nothing was found worn, loose or shifted. 66 % of the error comes from play of axis 1 (Theta) "
-        "(0.0521 ± 0.0011 °, 2.0 × usual)."
-    )
-    few = diagnosis("undecided", effects=(usual,))
-    assert headline(few).startswith("66 % of the error comes from play of axis 1")
-    assert headline(few).endswith("Drive each test 4 times to decide it.")
-    slipping = diagnosis("outside_library", effects=(replace(PLAY, doubt="series"),))
-    assert "comes from" not in headline(slipping), "what imitates something else is no cause"
-    unsure = replace(found, budget=tuple(replace(one, u_um=one.um / 3) for one in found.budget))
-    assert headline(unsure) == "Nothing was found worn, loose or shifted."
-
-
 def test_twins_are_one_name_and_the_budget_says_how_halves_are_shared() -> None:
     twins = (LinkGeometry(axis=2, field="d"),)
     twin = replace(PLAY, effect=LinkGeometry(axis=3, field="d", delta=0.7), sd={}, twins=twins)
