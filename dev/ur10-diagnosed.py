@@ -11,17 +11,19 @@ import argparse
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from ur10 import DATA, FIT, read
 
+from analysis.diagnosis.budget import effect_changes
 from analysis.diagnosis.neighbourhoods import without_a_fold
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.search import SearchResult, search
-from analysis.diagnosis.validation import gap
+from analysis.diagnosis.validation import gap, stages_of
 from analysis.diagnosis.verdict import named_effects
-from analysis.diagnosis.worth import limits_um, worth
+from analysis.diagnosis.worth import worth
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.estimate import fit
 from analysis.model.predict import model_of
@@ -34,10 +36,11 @@ LISTED = 12
 """Healthy shares that are printed, the most worth first."""
 
 
-def material(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
-    """Material names, each with what it is worth in µm."""
-    found = named_effects(look, [seen], [None] * len(look.state.refined.effects), limits_um(look.linear, None))
-    return [(label_of(one.effect), one.worth_um) for one in found if one.material]
+def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
+    """The faults, each with what it does to the readings in µm."""
+    gains = [None] * len(look.state.refined.effects)
+    found = named_effects(look, [seen], gains, effect_changes(look))
+    return [(label_of(one.effect), one.worth_um) for one in found if one.stands]
 
 
 def shares_of(look: SearchResult) -> list[tuple[str, float]]:
@@ -54,6 +57,11 @@ def told(pairs: list[tuple[str, float]]) -> str:
     return ", ".join(f"{name} {um:.0f} µm" for name, um in pairs) or "none"
 
 
+def in_own_setup(run: ObservedRun, name: str) -> ObservedRun:
+    """A run of another series, whose instrument stood elsewhere."""
+    return replace(run, one=replace(run.one, setup=f"{run.one.setup} of {name}"))
+
+
 def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> None:
     """Every fold of a series, told line by line."""
     seen = observe_run(model_of(rig), table, f"series {series}")
@@ -65,20 +73,20 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         (used,), (left_out,) = without_a_fold([seen], folds, k)
         plain = calibrate(rig, [used.one], [left_out.one], FIT)
         look = search([used], lambda doing: None)
-        after = gap([left_out], look, [series])
+        after = gap([left_out], stages_of([used], look), look, [series])
         rows.append((len(left_out.one.rows), plain.before_mm[1], plain.after_mm[1], 1e-3 * after.calibrated_um))
-        own = material(look, used)
+        own = faults(look, used)
         names.update(name for name, _ in own)
         print(
             f"  fold {k + 1}, {rows[-1][0]} poses left out: nominal {rows[-1][1]:.3f}, 24 DH parameters "
             f"{rows[-1][2]:.3f}, diagnosed {rows[-1][3]:.3f} mm rms; level {look.state.level:.2f}; "
-            f"material names: {told(own)}; {time.perf_counter() - begin:.0f} s",
+            f"faults: {told(own)}; {time.perf_counter() - begin:.0f} s",
             flush=True,
         )
     weight = np.array([row[0] for row in rows])
     pooled = np.sqrt((weight[:, None] * np.array([row[1:] for row in rows]) ** 2).sum(axis=0) / weight.sum())
     print(f"  all folds: nominal {pooled[0]:.3f}, 24 DH parameters {pooled[1]:.3f}, diagnosed {pooled[2]:.3f} mm rms")
-    print(f"  named in folds: {', '.join(f'{name} {n}' for name, n in names.most_common()) or 'none'}")
+    print(f"  faults in folds: {', '.join(f'{name} {n}' for name, n in names.most_common()) or 'none'}")
 
 
 def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable]) -> None:
@@ -86,14 +94,15 @@ def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable])
     begin = time.perf_counter()
     seen = observe_run(model_of(rig), table, f"series {series}")
     look = search([seen], lambda doing: None)
-    print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: material names {told(material(look, seen))}")
+    print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: faults {told(faults(look, seen))}")
     print(f"  a healthy arm's share of everything, at {look.state.level:.2f} times its size: "
           f"{told(shares_of(look)[:LISTED])}")  # fmt: skip
     plain = calibrate(rig, [seen.one], [], FIT).after.model.effects
+    stages = stages_of([seen], look)
     for name, other in others.items():
         there = observe_run(model_of(rig), other, f"series {name}")
         figures = [fit(model_of(rig, effects), [there.one]).rms_mm for effects in ((), plain)]
-        after = gap([there], look, [name])
+        after = gap([in_own_setup(there, name)], stages, look, [name])
         print(
             f"  frozen, on series {name.upper()}, set-up fitted: nominal {figures[0]:.3f}, 24 DH parameters "
             f"{figures[1]:.3f}, diagnosed {1e-3 * after.calibrated_um:.3f} mm rms",
