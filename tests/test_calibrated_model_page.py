@@ -1,0 +1,143 @@
+"""The page of the calibrated model: its reader, run as it stands there, gives the tool poses of `analysis`."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
+from analysis.correction.work import tool_poses
+from analysis.kinematics.arm import Array
+from analysis.model.predict import model_of
+from analysis.reporting.extended_rig import write_extended
+from rigs.calibration import CalibratedModel, Parameter, Term, packed_factor
+from rigs.effects import AnyEffect, Effect
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.effect import size_field
+
+PAGE = (Path(__file__).parents[1] / "docs" / "calibrated-model.md").read_text(encoding="utf-8")
+READER: dict[str, Any] = {}
+exec("\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.S)), READER)  # noqa: S102 - the page's own code, run as it stands
+
+NAMED = [
+    {"effect": "transmission_error", "axis": 2, "order": 1.3, "amplitude_deg": 0.03, "phase_deg": 40, "third": 0.2},
+    {"effect": "compliance", "axis": 3, "deg_per_Nm": 4e-4, "payload_kg": 3.5},
+]
+TERMS = [
+    ({"effect": "joint_offset", "axis": 3, "offset_deg": 0.02}, 1.7),
+    ({"effect": "joint_offset", "axis": 3, "offset_deg": 0.05}, -0.3),
+    ({"effect": "link_geometry", "axis": 3, "field": "a", "delta": 0.2}, 2.1),
+    ({"effect": "link_geometry", "axis": 4, "field": "d", "delta": 0.2}, -1.4),
+    ({"effect": "link_geometry", "axis": 5, "field": "alpha", "delta": 0.02}, 3.0),
+    ({"effect": "link_geometry", "axis": 3, "field": "beta", "delta": 0.02}, -2.2),
+    ({"effect": "transmission_error", "axis": 4, "order": 2, "amplitude_deg": 0.005}, 0.9),
+    ({"effect": "transmission_error", "axis": 4, "order": 2, "amplitude_deg": 0.005, "phase_deg": 90}, -1.2),
+    ({"effect": "transmission_error", "axis": 1, "order": 81, "amplitude_deg": 0.005, "third": 0.3}, 0.6),
+    ({"effect": "compliance", "axis": 2, "deg_per_Nm": 5e-5, "payload_kg": 5}, 1.1),
+    ({"effect": "compliance", "axis": 5, "deg_per_Nm": 3e-4}, -0.4),
+    ({"effect": "wrist_coupling", "from_axis": 4, "to_axis": 6, "ratio": 1e-4}, 1.5),
+    ({"effect": "link_bending", "axis": 2, "mm_per_Nm": 1e-4}, 2.5),
+    ({"effect": "link_bending", "axis": 3, "mm_per_Nm": 1e-4}, 1.5),
+]
+LEFT_OUT = [
+    ({"effect": "servo_lag", "axis": 1, "lag_s": 0.002}, 1.0),
+    ({"effect": "gauge_scale", "gauge": "g1", "relative": 1e-3}, 1.0),
+]
+"""Kinds of terms that the page's reader passes over."""
+OTHERS = {
+    "  payload_kg: 1\n": """\
+  payload_kg: 1
+  base: {xyz_mm: [100, -50, 400], rpy_deg: [10, -20, 30]}
+  coupling:
+    - [1, 0, 0, 0, 0, 0]
+    - [0, 1, 0, 0, 0, 0]
+    - [0, 1, 1, 0, 0, 0]
+    - [0, 0, 0, 1, 0, 0]
+    - [0, 0, 0, 0.02, 1, 0]
+    - [0, 0, 0, 0.03, -0.1, 1]
+""",
+    "xyz_mm: [0, 0, 150]": "xyz_mm: [40, -30, 150]",
+}
+"""What the shipped UR10 has otherwise, so that every number of a rig file's arm counts."""
+Q = np.random.default_rng(7).uniform(-2.0, 2.0, (25, 6))
+
+
+def calibrated(named: list[Effect], terms: list[tuple[Effect, float]]) -> CalibratedModel:
+    every = [Term(effect=one, times=1.0, named=True) for one in named]
+    every += [Term(effect=one, times=times) for one, times in terms]
+    parameters = [Parameter(term=k, field=size_field(one)) for k, one in enumerate(named)]
+    parameters += [Parameter(term=len(named) + k, field="times") for k in range(len(terms))]
+    sd = [*(0.1 * float(getattr(one, size_field(one))) for one in named), *(0.3 for _ in terms)]
+    root = np.tril(np.random.default_rng(3).uniform(-0.3, 0.3, (len(sd), len(sd))), -1) + np.eye(len(sd))
+    return CalibratedModel(
+        rig="ur10", date=dt.date(2026, 1, 1), version="0", runs=(), joints_deg=((-180.0, 180.0),) * 6, setups={},
+        before_um=900.0, calibrated_um=90.0, terms=tuple(every),
+        parameters=tuple(parameters), factor=packed_factor(np.array(sd)[:, None] * root),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig file with its calibration beside it, of an arm on a slope with coupled axes."""
+    of_row: Callable[[Any], Effect] = TypeAdapter(AnyEffect).validate_python
+    named = [of_row(row) for row in NAMED]
+    terms = [(of_row(row), times) for row, times in [*TERMS, *LEFT_OUT]]
+    text = load("ur10")[1]
+    for old, new in OTHERS.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    return write_extended(text, named, tmp_path_factory.mktemp("calibrated") / "cell.yaml", calibrated(named, terms))[
+        -1
+    ]
+
+
+@pytest.fixture
+def rig(written: Path) -> Rig:
+    return load(written)[0]
+
+
+@pytest.fixture
+def read(written: Path) -> tuple[dict[str, Any], list[tuple[dict[str, Any], float]], dict[str, Any]]:
+    reader: Callable[[Path], Any] = READER["read"]
+    return reader(written)  # type: ignore[no-any-return]
+
+
+def ours(rig: Rig) -> Array:
+    by_posture = [one for one in model_of(rig).effects if one.compensation().use != "none"]
+    return tool_poses(model_of(rig, by_posture), Q)
+
+
+def test_the_reader_of_the_page_gives_the_tool_poses_of_analysis(rig: Rig, read: Any) -> None:
+    arm, effects, _ = read
+    theirs = np.array([READER["tool"](arm, effects, q) for q in Q])
+    assert theirs[:, :3, 3] == pytest.approx(ours(rig)[:, :3, 3], rel=0, abs=1e-9)  # mm
+    assert theirs[:, :3, :3] == pytest.approx(ours(rig)[:, :3, :3], rel=0, abs=1e-12)
+
+
+@pytest.mark.parametrize("k", range(len(TERMS)))
+def test_every_kind_of_term_moves_the_tool(k: int, read: Any) -> None:
+    """A term that both left out would agree, too."""
+    arm, effects, _ = read
+    others = effects[: len(NAMED) + k] + effects[len(NAMED) + k + 1 :]
+    moved = [READER["tool"](arm, effects, q) - READER["tool"](arm, others, q) for q in Q[:5]]
+    assert np.abs(moved).max() > 1e-6
+
+
+def test_the_uncertainty_of_the_place_is_that_of_corrected_targets(rig: Rig, read: Any) -> None:
+    assert rig.calibrated
+    covariance = CalibratedUncertainty(rig, rig.calibrated).position_covariance_mm2(Q[:5])
+    theirs = [READER["u_of_place"](*read, q) for q in Q[:5]]
+    assert theirs == pytest.approx(np.sqrt(np.trace(covariance, axis1=1, axis2=2)), rel=2e-3)
+
+
+def test_the_page_lists_every_key() -> None:
+    listed = set(re.findall(r"`(\w+)`", PAGE.partition("## The keys")[2].partition("\n## ")[0]))
+    assert set(CalibratedModel.model_fields) <= listed
