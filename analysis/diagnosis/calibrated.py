@@ -8,7 +8,7 @@ certain, and their sum is: it is what reaches a tenth of a millimetre where name
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 
 import numpy as np
@@ -19,6 +19,7 @@ from analysis.diagnosis.diagnosis import Gap
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.refine import Unknown
 from analysis.diagnosis.search import SearchResult
+from analysis.diagnosis.validation import Stages
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
@@ -57,16 +58,18 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     standing: Sequence[Effect],
     used: Sequence[Measured],
     runs: Sequence[ObservedRun],
-    setups: Mapping[str, SetUp],
+    stages: Stages,
     train: Gap,
     elsewhere: Gap | None,
 ) -> CalibratedModel:
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
-    that the rig file names, the range of each joint in the `runs`, their fitted `setups`, and what is left of them and
-    `elsewhere`."""
+    that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, and what is
+    left of them and `elsewhere`."""
     effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
     terms = [Term.model_construct(effect=one, times=1.0, named=one in standing) for one in effects]
     more = background_terms(result.calibrated_posterior)
+    if not stages.has_background:
+        more = [term.model_copy(update={"times": 0.0}) for term in more]
     parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
     root = _root(covariance_of(result.calibrated_posterior, unknowns))
@@ -78,7 +81,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         version=version("rig"),
         runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
-        setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in setups.items()},
+        setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,

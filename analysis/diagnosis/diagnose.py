@@ -89,20 +89,17 @@ def diagnose(
     )
     changes = effect_changes(result)
     named = named_effects(result, sound, held_out_gains(result, judges), changes)
-    if given is not None:
-        named = [replace(one, doubt=None) for one in named]
     named = without_useless(named, gaps.train)
     at_limits = doubts_of_limits(named)
     named += _vibrations(result, runs, gaps.train) if given is None else []
-    named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands else one for one in named]
+    named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands or given else one for one in named]
     named.sort(key=lambda one: (not one.stands, -one.worth_um))
     early = early_readings(result)
     judged = accuracy_of(gaps, *standing_of(rig, used), tolerance_um)
     found = _diagnosis_of(rig, result, gaps, named, changes, judged, early=bool(early))
-    standing = [one.effect for one in found.standing]
-    found = replace(
-        found, calibrated=calibrated_model(rig, result, standing, used, runs, stages.calibrated, *gaps.written)
-    )
+    found = replace(found, given=given is not None)
+    written = [one.effect for one in found.written]
+    found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":

@@ -278,9 +278,9 @@ class Diagnosis(Tabular):
     `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
     evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
     `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
-    model. `groups` lists named effects that these tests cannot
-    distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the noise comes
-    from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the
+    model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
+    tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the
+    noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the
     trust in the result.
     """
 
@@ -308,6 +308,12 @@ class Diagnosis(Tabular):
     maps: tuple[Map, ...]
     seconds: float
     calibrated: CalibratedModel | None = None
+    given: bool = False
+
+    @property
+    def written(self) -> tuple[Named, ...]:
+        """The effects that go into a rig file: the faults, and all effects where they were given to be fitted."""
+        return self.effects if self.given else self.standing
 
     @property
     def standing(self) -> tuple[Named, ...]:
@@ -327,7 +333,7 @@ class Diagnosis(Tabular):
     @property
     def extended_rig(self) -> Rig:
         """The rig begun with, the effects added that the diagnosis stands by; of rivals the likeliest."""
-        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.standing))})
+        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.written))})
 
     def to_table(self) -> pa.Table:
         """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""

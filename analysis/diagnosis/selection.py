@@ -24,7 +24,16 @@ from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
 from analysis.diagnosis.response import Response
-from analysis.diagnosis.selection_state import FAULT, SelectionState, is_alike, is_one, is_same, is_twice, series_among
+from analysis.diagnosis.selection_state import (
+    DRIVEN_WAVES,
+    FAULT,
+    SelectionState,
+    is_alike,
+    is_one,
+    is_same,
+    is_twice,
+    series_among,
+)
 from analysis.diagnosis.settling import beginnings, settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
@@ -165,6 +174,19 @@ class Selection:
         of it. Of a UR10, 22 waves that were picked one by one took nine tenths of the time and left what none left.
         """
         return is_wave(effect) and effect.STAGE == "joint" and not any(one.sampling for one in self.linear.blocks)
+
+    def _waves_driven(self, effect: Effect) -> float:
+        """Return how many of its waves an effect's joint was driven over; infinite for what is no wave of a joint."""
+        if not is_wave(effect) or effect.STAGE != "joint":
+            return np.inf
+        return order_of(effect) * float(self._turned[getattr(effect, "axis", 1) - 1])
+
+    @cached_property
+    def _turned(self) -> Array:
+        """The range (6,) of each joint in turns, of the runs in which it turns furthest."""
+        ranges = [np.ptp(block.one.table.q, axis=0) for block in self.linear.blocks]
+        turned: Array = np.max(ranges, axis=0) / (2 * np.pi)
+        return turned
 
     def _is_new(self, effect: Effect) -> bool:
         """Return whether an effect is not among those beside which the columns were computed."""
@@ -320,7 +342,8 @@ class Selection:
         equal share."""
         fault, alone, _, size = posterior.gains(self.columns.forms, state.level)
         curves = np.array([self._is_of_curve(form.effects[0]) for form in self.columns.forms], dtype=bool)
-        fault[curves & (size < FAULT * max(state.level, 1.0))] = alone[curves] = -np.inf
+        pieces = np.array([self._waves_driven(form.effects[0]) < DRIVEN_WAVES for form in self.columns.forms])
+        fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = alone[curves] = -np.inf
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
     def _forward_step(

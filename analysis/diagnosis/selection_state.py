@@ -18,6 +18,8 @@ from rigs.schema.effect import PHASE, is_wave, name_of, size_of
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
 lower in an arm with a level below 1."""
+DRIVEN_WAVES = 2.0
+"""Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
 """Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
 slow joint."""

@@ -32,6 +32,11 @@ class Stages:
     setups: tuple[dict[str, SetUp], ...]
 
     @property
+    def has_background(self) -> bool:
+        """Whether the calibrated model has more than the names."""
+        return self.effects[-1] != self.effects[-2]
+
+    @property
     def calibrated(self) -> dict[str, SetUp]:
         """The set-ups of the runs used with the calibrated model."""
         return self.setups[-1]
@@ -49,10 +54,14 @@ class Stages:
 
 
 def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
-    """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm."""
+    """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
+    the names explains these runs worse than the names alone, the calibrated model has the names alone."""
     names = result.state.refined.effects
     effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
-    return Stages(effects, tuple(fit_run_setups(with_effects(runs, own))[0] for own in effects))
+    fits = [fit_run_setups(with_effects(runs, own)) for own in effects]
+    if rms(fits[2][1]) > rms(fits[1][1]):
+        effects, fits = (effects[0], names, names), [fits[0], fits[1], fits[1]]
+    return Stages(effects, tuple(setups for setups, _ in fits))
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:

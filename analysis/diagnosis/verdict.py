@@ -20,7 +20,7 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
-from analysis.diagnosis.selection_state import FAULT, series_among
+from analysis.diagnosis.selection_state import DRIVEN_WAVES, FAULT, series_among
 from analysis.diagnosis.shares import sizes_by_setup
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import LEAST_MATERIAL_UM, Worth, plain_worth, worth
@@ -37,8 +37,6 @@ _SURE = 0.999
 """Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
 _LARGE = 0.5
 """Share of the gap from which a usual effect leaves the condition open where only one run of each kind was driven."""
-_DRIVEN_WAVES = 2.0
-"""Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
 one, both would be confused in a third of all repeats."""
@@ -151,7 +149,7 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
 def _remedy(result: SearchResult, effect: Effect) -> str:
     """Return what to do about an effect. A wave of which the joint did not drive two is no gear that was shown."""
     turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
-    if is_wave(effect) and effect.STAGE == "joint" and order_of(effect) * turned < _DRIVEN_WAVES:
+    if is_wave(effect) and effect.STAGE == "joint" and order_of(effect) * turned < DRIVEN_WAVES:
         return f"use the calibrated model, which holds the angle error of joint {_axis(effect)} over its angle"
     return effect.remedy()
 

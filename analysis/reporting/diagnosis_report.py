@@ -58,5 +58,5 @@ def _origins(found: Diagnosis) -> list[Effect]:
             together=tuple(name_of(twin) for twin in one.twins),
             joints_deg=found.calibrated.joints_deg if found.calibrated else None,
         )
-        for one in found.standing
+        for one in found.written
     ]

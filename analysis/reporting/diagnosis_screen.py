@@ -52,7 +52,7 @@ def as_screen(found: Diagnosis) -> RenderableType:
     parts += [Text(f"{words.accuracy} {words.judged}"), Text(f"Next: {words.next_step}")]
     sections = (
         ("What makes the error", _budget(found)),
-        ("Faults", _faults(found)),
+        ("Fitted effects" if found.given else "Faults", _faults(found)),
         ("What to do", _remedies(found)),
         ("What the model leaves", _gaps(found)),
         ("Still unexplained", _left(found)),
@@ -111,14 +111,15 @@ def _faults(found: Diagnosis) -> list[RenderableType]:
         Text(f"no fault, {doubt_words(why, texts_of('en'))}: {names}", style="dim")
         for why, names in _doubted(found).items()
     ]
-    if not found.standing:
+    if not found.written:
         return list(beside)
     times, bound = (2.0, "± 2u") if found.condition == "ambiguous" else (1.0, "± u")
     numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
     table = _plain_table("effect", *numbers, right=numbers)
-    for one in found.standing:
+    for one in found.written:
         name = " + ".join([name_of(one.effect), *(name_of(twin) for twin in one.twins)])
-        row = (size(one, times), f"{one.worth_um:.1f}", sure(one.posterior), _number(one.alone_um))
+        odds = "" if found.given else sure(one.posterior)
+        row = (size(one, times), f"{one.worth_um:.1f}", odds, _number(one.alone_um))
         table.add_row(Text(name, style="bold"), *row)
         for field in beside_size(one):
             table.add_row(f"  {field}", with_uncertainty(one.effect, field, one.sd, times), "", "", "")
