@@ -154,13 +154,18 @@ def packed_factor(root: Array) -> str:
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 
+def is_nothing(effect: Effect, times: float) -> bool:
+    """Return whether so many times an effect is so little that a model leaves it out."""
+    return abs(times * size_of(effect)) < _NOTHING
+
+
 def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     """Return the effects that terms, each an effect and how many times of it, make up together."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for one, times in terms:
         effect = one.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
-        if abs(times * size_of(effect)) < _NOTHING:
+        if is_nothing(effect, times):
             continue
         if _is_sine(effect):
             waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))

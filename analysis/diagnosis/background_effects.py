@@ -8,18 +8,20 @@ effects reach half of one.
 from __future__ import annotations
 
 from analysis.diagnosis.background import Posterior
-from rigs.calibration import Term, effects_of
+from rigs.calibration import Term, effects_of, is_nothing
 from rigs.effects import Effect
 
 
 def background_terms(posterior: Posterior) -> list[Term]:
     """Return the forms of the background, each with how many times it shows on average."""
-    mean = posterior.mean
-    return [
-        Term.model_construct(effect=effect, times=float(mean[column] / form.size), named=False)
-        for form in posterior.background.columns.forms
-        for effect, column in zip(form.effects, form.columns, strict=True)
-    ]
+    mean, found = posterior.mean, []
+    for form in posterior.background.columns.forms:
+        for effect, column in zip(form.effects, form.columns, strict=True):
+            times = float(mean[column] / form.size)
+            # What a model leaves out is not written either, so that whoever reads the file has the same model.
+            times = 0.0 if is_nothing(effect, times) else times
+            found.append(Term.model_construct(effect=effect, times=times, named=False))
+    return found
 
 
 def background_effects(posterior: Posterior) -> tuple[Effect, ...]:

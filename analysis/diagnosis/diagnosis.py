@@ -279,9 +279,9 @@ class Diagnosis(Tabular):
     evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
     `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
     model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
-    tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the
-    noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the
-    trust in the result.
+    tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether
+    the noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists
+    what limits the trust in the result.
     """
 
     condition: Condition
