@@ -1,4 +1,4 @@
-"""The frame that is taught with the robot itself: what a rigid motion of the whole arm does is not seen in it.
+"""Errors in a frame that is taught with the robot itself, in which a rigid motion of the whole arm does not show.
 
 A tracker or a ball cannot tell where an arm stands on its base: the zero of joint 1, the height of the shoulder and the
 like show in no run, and neither in work whose frame was taught with the same arm. So an error over the work is stated
