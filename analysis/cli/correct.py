@@ -9,8 +9,9 @@ import typer
 
 from analysis.cli import app, completion
 from analysis.cli.commands import command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
+from analysis.cli.several import end_with, worst
 from rigs.schema.vocabulary import Maker, maker_of
 
 _FoundRig = Annotated[
@@ -75,6 +76,10 @@ _Frames = Annotated[
 ]
 
 
+_SAID = 20
+"""So many targets that could not be corrected are said; corrections.yaml has all of them."""
+
+
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: _FoundRig,
@@ -94,7 +99,7 @@ def correct(
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.controllers import scale_of  # noqa: PLC0415
-    from analysis.correction.correct import correct_rig  # noqa: PLC0415
+    from analysis.correction.correct import correct_rig, target_errors  # noqa: PLC0415
     from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -120,6 +125,12 @@ def correct(
             "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target",
             err=True,
         )
+    left = target_errors(*found.path) if found.path else []
+    for error in left[:_SAID]:
+        say_error(error)
+    if len(left) > _SAID:
+        say(f"      and {len(left) - _SAID} more, all of them in corrections.yaml", err=True)
+    end_with(worst(left))
 
 
 def _say_next(maker: Maker | None, corrected: Path | None) -> None:

@@ -15,22 +15,26 @@ import numpy as np
 from analysis.correction.controllers import CONTROLLERS, ConstantParameter, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.left_out import left_out_mm
-from analysis.correction.pose_uncertainty import PoseUncertainty, displacements, pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import displacements, frame_u_mm, pose_uncertainty, position_u_mm
 from analysis.correction.projection import Constant, project
 from analysis.correction.support import Support
-from analysis.correction.work import displaced_mm, rest_effects, rms_um, tool_poses, used_effects, work_angles
-from analysis.kinematics.arm import Array, arm_of
+from analysis.correction.taught_frame import base_u_um, rest_mm
+from analysis.correction.work import (
+    rest_effects,
+    rms_um,
+    spread_angles,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
+from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.effects import Effect
 from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 
-_FEWEST, _SPREAD = 12, 60
-"""Postures below which the work is too little for entries, and those that are taken then instead. Chosen: some 24
-constants need several times as many numbers."""
-_AROUND_RAD = np.radians(30.0)
-"""How far to either side of the work they are, where the runs' joint angles are unknown. Chosen: a usual reach."""
 _NO_MOVE_MM = 1e-9
 """A change of the tool below which an entry does nothing."""
 
@@ -71,7 +75,9 @@ class ControllerEntries:
     place over the work, root mean square, without and with the changes, `by_targets_um` with corrected targets; each
     has what nothing can correct, the latter two also the uncertainty of the model. `elsewhere_um` is the
     error of the model alone, without and with the changes, at postures spread over the joint angles of the work or the
-    runs. `twins` names parameters of which only a combination is known.
+    runs. All of these are in a frame that is taught with the robot at these postures. `base_u_um` is what the place of
+    the whole arm on its base adds to the uncertainty of the model. `twins` names parameters of which only a combination
+    is known.
     """
 
     name: Maker
@@ -84,6 +90,7 @@ class ControllerEntries:
     after_um: float
     by_targets_um: float
     elsewhere_um: tuple[float, float]
+    base_u_um: float
     steps: tuple[str, ...]
 
     @property
@@ -109,15 +116,15 @@ def controller_entries(
     if scale and not controller.scale:
         raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
     used, rest, known = used_effects(rig, found), rest_effects(rig, found), pose_uncertainty(rig, found)
-    spread = _spread(rig, known)
-    q = work if len(work := work_angles(rig)) >= _FEWEST else spread
+    spread, q = spread_angles(rig, known.joints_rad), work_or_spread(rig, known.joints_rad)
     held = project(rig, used, _constants(rig, controller), q, spread)
     u = held.u(displacements(known, np.concatenate([q, spread])))
     sizes = zip(held.constants, held.values.tolist(), u.tolist(), (1e3 * held.worth_mm).tolist(), strict=True)
     entries = [_entry(rig, controller, scale, *one) for one in sizes]
     lengths = (controller.check_lengths,) if any(one.now is not None for one in entries) else ()
     left_mm = np.linalg.norm(left_out_mm(rig, rest, q), axis=1)
-    doubt_mm = np.hypot(position_u_mm(known, q), left_mm)
+    u_mm = frame_u_mm(rig, known, q, q)
+    doubt_mm = np.hypot(u_mm, left_mm)
     return ControllerEntries(
         name,
         controller,
@@ -125,10 +132,11 @@ def controller_entries(
         held.effects,
         tuple(tuple(entries[k].parameter for k in group) for group in held.twins),
         tuple(NotEntered(one, rms_um(left_out_mm(rig, [one], q)[:, 0])) for one in rest),
-        rms_um(np.hypot(displaced_mm(rig, used, q), left_mm)),
+        rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm)),
         rms_um(np.hypot(_apart_mm(rig, used, held.effects, q), doubt_mm)),
         rms_um(doubt_mm),
-        (rms_um(displaced_mm(rig, used, spread)), rms_um(_apart_mm(rig, used, held.effects, spread))),
+        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, held.effects, spread))),
+        base_u_um(position_u_mm(known, q), u_mm),
         (*controller.steps, *lengths, controller.check),
     )
 
@@ -136,30 +144,19 @@ def controller_entries(
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
     """Return corrected targets for a controller at which the entries were made: the angles that its joints then read
     in the same postures, and the poses that it then computes there."""
-    more_deg = np.zeros(6)
+    more_deg, done = np.zeros(6), targets.done
     for one in at.entries:
         more_deg[one.axis - 1] += one.reading_deg
-    return replace(targets, q=targets.q + np.radians(more_deg), T=tool_poses(model_of(rig, at.effects), targets.q))
-
-
-def _spread(rig: Rig, known: PoseUncertainty) -> Array:
-    """Return postures (n, 6) rad spread over the joint angles of the runs, or else over those around the work."""
-    work, limits = work_angles(rig), arm_of(rig.robot).limits
-    low, high = work.min(axis=0), work.max(axis=0)
-    if known.joints_rad is not None:
-        low, high = known.joints_rad.T
-    elif len(work) < _FEWEST:
-        low, high = low - _AROUND_RAD, high + _AROUND_RAD
-    low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
-    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, 6))
-    return postures
+    q, T = targets.q.copy(), targets.T.copy()
+    q[done] += np.radians(more_deg)
+    T[done] = tool_poses(model_of(rig, at.effects), targets.q[done])
+    return replace(targets, q=q, T=T)
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad."""
-    places = [tool_poses(model_of(rig, each), q)[:, :3, 3] for each in (effects, others)]
-    apart: Array = np.linalg.norm(places[0] - places[1], axis=1)
-    return apart
+    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad, in a frame
+    taught there."""
+    return rest_mm(tool_places(rig, effects, q), tool_places(rig, others, q))
 
 
 def _constants(rig: Rig, controller: Controller) -> list[Constant]:

@@ -13,11 +13,13 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.left_out import left_out_mm
-from analysis.correction.pose_uncertainty import pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
 from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
-from analysis.correction.work import displaced_mm, rest_effects, rms_um, used_effects, work_angles
+from analysis.correction.taught_frame import base_u_um, rest_mm
+from analysis.correction.work import rest_effects, rms_um, tool_places, used_effects, work_or_spread
+from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
@@ -26,9 +28,21 @@ from rigs.schema.vocabulary import Maker
 
 @dataclass(frozen=True)
 class WorkError:
-    """The error of the tool's place over the work of a rig, root mean square in µm: `before_um` as it is, and
-    `after_um` with corrected targets, which is its standard uncertainty: `u_um` of the model and the rest of what no
-    target holds."""
+    """The error of the tool's place over the work of a rig, root mean square in µm, in a frame that is taught with the
+    robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard uncertainty: `u_um`
+    of the model and the rest of what no target holds. `base` is the same in the robot's own base, and `base_u_um` what
+    the place of the whole arm on its base adds to the uncertainty."""
+
+    before_um: float
+    after_um: float
+    u_um: float
+    base: InBase
+    base_u_um: float
+
+
+@dataclass(frozen=True)
+class InBase:
+    """The error of the tool's place over the work in the robot's own base, µm, as in `WorkError`."""
 
     before_um: float
     after_um: float
@@ -89,19 +103,33 @@ def correct_rig(
 
 
 def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
-    q = work_angles(rig)
+    known, used = pose_uncertainty(rig, found), used_effects(rig, found)
+    q = work_or_spread(rig, known.joints_rad)
     left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, found), q), axis=1)
-    u_mm = position_u_mm(pose_uncertainty(rig, found), q)
-    before_mm = np.hypot(displaced_mm(rig, used_effects(rig, found), q), left_mm)
-    return WorkError(rms_um(before_mm), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm))
+    is_at, wanted = tool_places(rig, used, q), tool_places(rig, (), q)
+    u_mm, u_frame_mm = position_u_mm(known, q), frame_u_mm(rig, known, q, q)
+
+    def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
+        return rms_um(np.hypot(off_mm, left_mm)), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm)
+
+    in_base = InBase(*errors(np.linalg.norm(is_at - wanted, axis=1), u_mm))
+    return WorkError(*errors(rest_mm(is_at, wanted), u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm))
 
 
 def _targets(
     rig: Rig, found: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, Corrected]:
-    """Return a path and its corrected targets, for a controller as it was or with `entered`."""
+    """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
+    none can be corrected."""
     given = read_path(path)
     hold_uncorrected(given, str(path))
-    q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
-    targets = corrected(rig, found, q, given.lines, str(path))
+    q, unsolved = (np.radians(given.values), []) if given.joints else angles_for(rig, given.poses())
+    targets = corrected(rig, found, q, unsolved)
+    if not targets.done.any():
+        raise target_errors(path, given, targets)[0]
     return path, given, as_entered(rig, targets, entered) if entered else targets
+
+
+def target_errors(path: Path, given: TargetPath, targets: Corrected) -> list[FileError]:
+    """Return an error for each target of a path that could not be corrected."""
+    return [FileError(f"{path}, line {given.lines[one.place]}", one.what, "move the target") for one in targets.left]

@@ -8,13 +8,13 @@ one. The controller is assumed to compute with the nominal arm. Nothing is sent 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from analysis.correction.corrected_targets import Corrected, corrected
+from analysis.correction.corrected_targets import corrected
 from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
 from analysis.correction.programs.flags import agreeing
 from analysis.correction.programs.frames import Frames
@@ -39,8 +39,6 @@ MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
 farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
 singularity."""
-_AT_ONCE = 2000
-"""Targets at a time: what one of them prevents is found by halving."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,8 @@ class CorrectedProgram:
     """A program with corrected targets.
 
     `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
-    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty, `outside` (n,) whether
+    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the
+    robot's base and `u_frame_mm` (n,) in a frame taught with the robot over them, `outside` (n,) whether
     they stand beyond the joint angles that were driven, and `rounded_um` (n,) how far the numbers' decimals put them
     off. `left` is what stayed as it was.
     """
@@ -60,6 +59,7 @@ class CorrectedProgram:
     places: tuple[tuple[int, int], ...]
     moved_mm: Array
     u_mm: Array
+    u_frame_mm: Array
     outside: tuple[bool, ...]
     rounded_um: Array
     left: tuple[Left, ...]
@@ -111,6 +111,7 @@ def correct_program(
         tuple((targets[k].file, targets[k].line) for k in kept),
         np.array([done.moved_mm[k] for k in kept]),
         np.array([done.u_mm[k] for k in kept]),
+        np.array([done.u_frame_mm[k] for k in kept]),
         tuple(done.outside[k] for k in kept),
         np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
         tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line))),
@@ -182,46 +183,32 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
 @dataclass(frozen=True)
 class _Done:
     """Corrections by the number of the target: angles (6,) rad, the tool's pose (4, 4), how far it moved and u in mm,
-    and whether it stands beyond the joint angles that were driven."""
+    in the base and in a taught frame, and whether it stands beyond the joint angles that were driven."""
 
     q: dict[int, Array]
     T: dict[int, Array]
     moved_mm: dict[int, float]
     u_mm: dict[int, float]
+    u_frame_mm: dict[int, float]
     outside: dict[int, bool]
     reasons: dict[int, Reason]
 
     @classmethod
     def of(cls, rig: Rig, found: Sequence[Support], q: Array, good: Integers) -> _Done:
         """Correct the targets `good` (m,) among q (n, 6) rad."""
-        done = cls({}, {}, {}, {}, {}, {})
+        done = cls({}, {}, {}, {}, {}, {}, {})
         arm = arm_of(rig.robot)
-        for begin in range(0, len(good), _AT_ONCE):
-            for rows, one in _halved(rig, found, q, good[begin : begin + _AT_ONCE]):
-                if one is None:
-                    done.reasons[int(rows[0])] = "singular"
-                    continue
-                moved = np.linalg.norm(one.T[:, :3, 3] - forward(arm, q[rows])[:, :3, 3], axis=1)
-                outside = [False] * len(rows) if one.covered is None else (~one.covered).tolist()
-                for place, k in enumerate(rows.tolist()):
-                    done.outside[k] = outside[place]
-                    done.q[k], done.T[k] = one.q[place], one.T[place]
-                    done.moved_mm[k], done.u_mm[k] = float(moved[place]), float(one.u_mm[place])
+        if not len(good):
+            return done
+        one = corrected(rig, found, q[good])
+        done.reasons.update({int(good[left.place]): left.reason for left in one.left})
+        moved = np.linalg.norm(one.T[:, :3, 3] - forward(arm, q[good])[:, :3, 3], axis=1)
+        for place in np.flatnonzero(one.done).tolist():
+            k = int(good[place])
+            done.outside[k] = one.covered is not None and not one.covered[place]
+            done.q[k], done.T[k], done.moved_mm[k] = one.q[place], one.T[place], float(moved[place])
+            done.u_mm[k], done.u_frame_mm[k] = float(one.u_mm[place]), float(one.u_frame_mm[place])
         return done
-
-
-def _halved(
-    rig: Rig, found: Sequence[Support], q: Array, rows: Integers
-) -> Iterator[tuple[Integers, Corrected | None]]:
-    try:
-        yield rows, corrected(rig, found, q[rows], rows.tolist(), "target")
-    except FileError:
-        if len(rows) == 1:
-            yield rows, None
-            return
-        middle = len(rows) // 2
-        yield from _halved(rig, found, q, rows[:middle])
-        yield from _halved(rig, found, q, rows[middle:])
 
 
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> dict[int, Reason]:

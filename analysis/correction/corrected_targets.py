@@ -13,16 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.correction.left_out import left_out_mm
-from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import (
+    PoseUncertainty,
+    covered,
+    frame_u_mm,
+    pose_uncertainty,
+    position_u_mm,
+)
+from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
-from analysis.correction.work import rest_effects, tool_poses, used_effects
+from analysis.correction.work import rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.fitting.joint_coverage import outside_coverage
 from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
-from analysis.model.predict import model_of
-from rigs.errors import FileError
+from analysis.model.predict import Model, model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
@@ -30,17 +36,32 @@ _ROUNDS = 20
 """Largest number of rounds. Chosen: each reduces the error about a thousandfold, so two or three are usual."""
 _REACHED = 1e-6
 """Error in mm, with a radian counted as 1 m, at which a target is reached: 1 nm, below any resolution."""
+_SINGULAR = "cannot be corrected: the arm is at a singularity"
+_FEWEST_TAUGHT = 4
+"""Targets below which they teach no frame: three hold one without showing any error of it."""
+
+
+@dataclass(frozen=True)
+class NotCorrected:
+    """A target that stays as it was: its place among the targets, from 0, and why, as a value and in words whose
+    subject is the target."""
+
+    place: int
+    reason: Reason
+    what: str
 
 
 @dataclass(frozen=True)
 class Corrected:
     """The targets of a path with their corrections.
 
-    `q` (n, 6) rad are the corrected angles and `T` (n, 4, 4) the poses of the nominal arm at them. `missed_mm` (n,) is
-    the error that the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that
-    is not corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position, from that
-    of the model and from effects that are not corrected. `covered` (n,) is whether all joints stand where the runs
-    drove them, None where that is unknown. `doubts` are in words.
+    `done` (n,) is whether a target was corrected, and `left` are the others, which stay as they were. `q` (n, 6) rad
+    are the corrected angles and `T` (n, 4, 4) the poses of the nominal arm at them. `missed_mm` (n,) is the error that
+    the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that is not
+    corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position in the robot's
+    base, from that of the model and from effects that are not corrected, and `u_frame_mm` (n,) the same in a frame that
+    is taught with the robot over these targets. All of these are NaN where a target was not corrected. `covered` (n,)
+    is whether it was and all joints stand where the runs drove them, None where that is unknown. `doubts` are in words.
     """
 
     q: Array
@@ -49,63 +70,111 @@ class Corrected:
     left_out: tuple[str, ...]
     left_out_mm: Array
     u_mm: Array
+    u_frame_mm: Array
     covered: Mask | None
     doubts: tuple[str, ...]
+    done: Mask
+    left: tuple[NotCorrected, ...]
 
 
-def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int], where: str) -> Corrected:
-    """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected.
+def corrected(rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
+    """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected, but for
+    those that have no angles, that stand beyond limits or at a singularity."""
+    known, model = pose_uncertainty(rig, found), model_of(rig, used_effects(rig, found))
+    left = {one.place: one for one in unsolved}
+    left |= {one.place: one for one in _beyond_limits(model.arm, q) if one.place not in left}
+    done = np.array([k not in left for k in range(len(q))], dtype=bool)
+    angles, reached = q.copy(), done.copy()
+    angles[done], reached[done] = _moved(model, q[done])
+    left |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
+    left |= {one.place: one for one in _beyond_limits(model.arm, angles) if reached[one.place]}
+    done = np.array([k not in left for k in range(len(q))], dtype=bool)
+    angles[~done] = q[~done]
+    return _stated(rig, found, known, q, angles, done, [left[k] for k in sorted(left)])
 
-    `lines` (n,) are those of the targets in the file `where`, for messages. Raises FileError for a target beyond limits
-    or at a singularity.
-    """
-    used, known = used_effects(rig, found), pose_uncertainty(rig, found)
-    model = model_of(rig, used)
-    _hold_limits(model.arm, q, lines, where)
-    wanted = forward(model.arm, q)
-    command, angles = wanted.copy(), q
-    for _ in range(_ROUNDS):
-        reached = tool_poses(model, angles)
-        if (np.abs(pose_error(reached, wanted)) * [1, 1, 1, 1e3, 1e3, 1e3]).max() < _REACHED:
-            break
-        command = command @ np.linalg.inv(reached) @ wanted
-        angles, good = newton(model.arm, command, angles)
-        if not good.all():
-            raise _singular(lines[int(np.argmin(good))], where)
-    else:
-        error = np.abs(pose_error(reached, wanted)).max(axis=1)
-        raise _singular(lines[int(error.argmax())], where)
-    _hold_limits(model.arm, angles, lines, where)
-    rest = rest_effects(rig, found)
-    left_out = left_out_mm(rig, rest, angles)
+
+def _stated(
+    rig: Rig,
+    found: Sequence[Support],
+    known: PoseUncertainty,
+    q: Array,
+    angles: Array,
+    done: Mask,
+    left: Sequence[NotCorrected],
+) -> Corrected:
+    """Return targets at nominal angles q (n, 6) rad with their corrected `angles` (n, 6) rad, where `done` (n,), and
+    what is known of them."""
+    rest, arm = rest_effects(rig, found), arm_of(rig.robot)
+
+    def spread(values: Array) -> Array:
+        """Return values of the corrected targets (m, …) at their places among all (n, …), NaN elsewhere."""
+        everywhere = np.full((len(q), *values.shape[1:]), np.nan)
+        everywhere[done] = values
+        return everywhere
+
+    at = angles[done]
+    inside = covered(known, at)
+    left_out = left_out_mm(rig, rest, at)
+    stays_mm = np.linalg.norm(left_out, axis=1)
+    taught = at if inside is None else at[inside]
+    if len(taught) < _FEWEST_TAUGHT:
+        taught = work_or_spread(rig, known.joints_rad)
+    before = tool_poses(model_of(rig, used_effects(rig, found)), q[done])
+    marks = None
+    if inside is not None:
+        marks = np.zeros(len(q), dtype=bool)
+        marks[done] = inside
     return Corrected(
         angles,
-        forward(model.arm, angles),
-        _distance(tool_poses(model, q), wanted),
+        forward(arm, angles),
+        spread(_distance(before, forward(arm, q[done]))),
         tuple(map(label_of, rest)),
-        left_out,
-        np.hypot(position_u_mm(known, angles), np.linalg.norm(left_out, axis=1)),
-        covered(known, angles),
-        tuple(_doubts(known, angles)),
+        spread(left_out),
+        spread(np.hypot(position_u_mm(known, at), stays_mm)),
+        spread(np.hypot(frame_u_mm(rig, known, at, taught), stays_mm)),
+        marks,
+        tuple(_doubts(known, at)),
+        done,
+        tuple(left),
     )
 
 
-def angles_for(rig: Rig, poses: Array, lines: Sequence[int], where: str) -> Array:
-    """Return nominal angles (n, 6) rad of target poses (n, 4, 4): the first closest to the posture of the rig's tests,
-    each other closest to the one before. Raises FileError for a pose out of reach or limits."""
+def _moved(model: Model, q: Array) -> tuple[Array, Mask]:
+    """Return the angles (n, 6) rad at which the tool of a model stands where the nominal arm's does at q (n, 6) rad,
+    and for which (n,) there are any."""
+    wanted = forward(model.arm, q)
+    command, angles, there = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
+    rows = np.arange(len(q))
+    for _ in range(_ROUNDS):
+        reached = tool_poses(model, angles[rows])
+        near = (np.abs(pose_error(reached, wanted[rows])) * [1, 1, 1, 1e3, 1e3, 1e3]).max(axis=1) < _REACHED
+        there[rows[near]] = True
+        rows = rows[~near]
+        if not len(rows):
+            break
+        command[rows] = command[rows] @ np.linalg.inv(reached[~near]) @ wanted[rows]
+        angles[rows], good = newton(model.arm, command[rows], angles[rows])
+        rows = rows[good]
+    return angles, there
+
+
+def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
+    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), the first closest to the posture of the rig's tests,
+    each other closest to the one before, and the poses out of reach or limits, whose angles are NaN."""
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
     near = _posture(rig, arm)
-    chosen = np.empty((len(poses), 6))
-    for k, line in enumerate(lines):
+    chosen, left = np.full((len(poses), 6), np.nan), []
+    for k in range(len(poses)):
         branches = solutions.q[k][solutions.found[k]]
-        if not len(branches):
-            raise FileError(f"{where}, line {line}", "is out of the nominal arm's reach", "move the target")
-        allowed, _ = within_limits(arm, branches)
-        if not len(allowed):
-            raise FileError(f"{where}, line {line}", "can only be reached beyond a joint's limits", "move the target")
-        near = chosen[k] = allowed[np.abs(allowed - near).max(axis=1).argmin()]
-    return chosen
+        allowed = within_limits(arm, branches)[0] if len(branches) else branches
+        if len(allowed):
+            near = chosen[k] = allowed[np.abs(allowed - near).max(axis=1).argmin()]
+        elif len(branches):
+            left.append(NotCorrected(k, "beyond_limits", "can only be reached beyond a joint's limits"))
+        else:
+            left.append(NotCorrected(k, "unreachable", "is out of the nominal arm's reach"))
+    return chosen, left
 
 
 def _posture(rig: Rig, arm: Arm) -> Array:
@@ -119,7 +188,7 @@ def _posture(rig: Rig, arm: Arm) -> Array:
 
 
 def _doubts(known: PoseUncertainty, q: Array) -> list[str]:
-    """Return in words how many targets at angles q (n, 6) rad are not covered, and by which joints."""
+    """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and by which joints."""
     inside = covered(known, q)
     if inside is None or known.joints_rad is None or inside.all():
         return []
@@ -134,16 +203,12 @@ def _distance(T: Array, other: Array) -> Array:
     return distance
 
 
-def _singular(line: int, where: str) -> FileError:
-    return FileError(f"{where}, line {line}", "cannot be corrected: the arm is at a singularity", "move the target")
-
-
-def _hold_limits(arm: Arm, q: Array, lines: Sequence[int], where: str) -> None:
+def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
+    """Return the targets at angles q (n, 6) rad with a joint beyond its limits."""
     outside = (q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)
-    for k, axis in np.argwhere(outside)[:1].tolist():
+    found: dict[int, NotCorrected] = {}
+    for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])
-        raise FileError(
-            f"{where}, line {lines[k]}",
-            f"axis {axis + 1} would stand at {np.degrees(q[k, axis]):.3f}°, its limits are {low:g}° and {high:g}°",
-            "move the target",
-        )
+        stands = f"axis {axis + 1} would stand at {np.degrees(q[k, axis]):.3f}°, its limits are {low:g}° and {high:g}°"
+        found.setdefault(k, NotCorrected(k, "beyond_limits", stands))
+    return list(found.values())

@@ -23,10 +23,11 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 POSES = (*PLACE, *TURN)
-ADDED = ("missed_mm", "left_out_mm", "u_um", "covered")
+ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
 """Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
-effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, and whether
-all joints stand where the runs drove them (yes, no or unknown)."""
+effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, in the
+robot's base and in a frame taught with the robot, whether all joints stand where the runs drove them (yes, no or
+unknown), and whether the target was corrected (yes or no)."""
 
 
 @dataclass(frozen=True)
@@ -111,17 +112,29 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
 
 
 def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
-    """Return the same table with corrected targets, as joint angles and as poses, and their errors."""
+    """Return the same table with corrected targets, as joint angles and as poses, and their errors. A target that was
+    not corrected stays as it was, and has no numbers that are not known of it."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
     values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
-    for name, corrected in zip((*JOINTS, *POSES), values.T, strict=True):
-        columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
-    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), 1e3 * found.u_mm)
-    columns |= {name: np.round(one, 6).tolist() for name, one in zip(ADDED, added, strict=False)}
-    known = None if found.covered is None else found.covered.tolist()
-    columns["covered"] = ["unknown"] * len(found.q) if known is None else ["yes" if one else "no" for one in known]
+    values[np.ix_(~found.done, np.isin((*JOINTS, *POSES), path.names))] = path.values[~found.done]
+    columns |= {
+        name: _cells(np.round(column, 7) + 0.0)  # no -0.0
+        for name, column in zip((*JOINTS, *POSES), values.T, strict=True)
+    }
+    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), 1e3 * found.u_mm, 1e3 * found.u_frame_mm)
+    columns |= {name: _cells(np.round(one, 6)) for name, one in zip(ADDED, added, strict=False)}
+    known = np.where(found.covered, "yes", "no") if found.covered is not None else np.full(len(found.q), "unknown")
+    covered = np.where(found.done, known, "no")
+    columns["covered"] = covered.tolist()
+    columns["corrected"] = np.where(found.done, "yes", "no").tolist()
     return pa.table(columns)
+
+
+def _cells(values: Array) -> list[str] | list[float]:
+    """Return values (n,) as cells of a column, empty where they are NaN."""
+    cells: list[float] = values.tolist()
+    return cells if np.isfinite(values).all() else ["" if np.isnan(one) else repr(one) for one in cells]
 
 
 def _columns_of(T: Array) -> Array:

@@ -17,6 +17,11 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 
+_FEWEST, _SPREAD = 12, 60
+"""Postures below which the work is too little to judge a correction by, and those that are taken then instead. Chosen:
+some 24 constants need several times as many numbers."""
+_AROUND_RAD = np.radians(30.0)
+"""How far to either side of the work they are, where the runs' joint angles are unknown. Chosen: a usual reach."""
 _STEP_RAD = np.radians(15.0)
 """Between postures on the circle. Chosen: the orders of a circle that zeros and link constants cause are below 4."""
 
@@ -37,17 +42,37 @@ def work_angles(rig: Rig) -> Array:
     return np.concatenate(found) if found else arm.limits.mean(axis=1)[None]
 
 
+def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
+    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or else over those around the
+    work."""
+    work, limits = work_angles(rig), arm_of(rig.robot).limits
+    low, high = work.min(axis=0), work.max(axis=0)
+    if joints_rad is not None:
+        low, high = joints_rad.T
+    elif len(work) < _FEWEST:
+        low, high = low - _AROUND_RAD, high + _AROUND_RAD
+    low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
+    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, 6))
+    return postures
+
+
+def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
+    """Return the joint angles (n, 6) rad of the work, or where these are too few those spread over the joint angles (6,
+    2) rad of the runs."""
+    work = work_angles(rig)
+    return work if len(work) >= _FEWEST else spread_angles(rig, joints_rad)
+
+
 def tool_poses(model: Model, q: Array) -> Array:
     """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad, for effects that do not
     depend on history."""
     return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
 
 
-def displaced_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Return how far (n,) mm effects that do not depend on history displace the tool at joint angles q (n, 6) rad."""
-    with_effects, without = (tool_poses(model_of(rig, some), q)[:, :3, 3] for some in (effects, ()))
-    distance: Array = np.linalg.norm(with_effects - without, axis=1)
-    return distance
+def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
+    """Return where (n, 3) mm the tool stands with effects that do not depend on history at joint angles q (n, 6)
+    rad."""
+    return tool_poses(model_of(rig, effects), q)[:, :3, 3]
 
 
 def used_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:

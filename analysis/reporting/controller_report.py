@@ -15,6 +15,8 @@ from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
 """An effect that stays is listed where it moves the tool by at least this."""
+_THIRD = 1 / 3
+"""Part of a squared error from which its cause is said in the first sentence."""
 
 
 def first_sentence(found: ControllerEntries) -> str:
@@ -23,15 +25,33 @@ def first_sentence(found: ControllerEntries) -> str:
     if not found.entries:
         return (
             f"Nothing is to be entered at this {maker} controller: none of its parameters takes up 1 µm of the "
-            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}."
+            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, in a frame "
+            f"taught with the robot.{base_note(found.base_u_um, found.by_targets_um)}"
+        )
+    if found.carried_um <= 0:
+        return (
+            f"Leave the parameters of this {maker} controller as they are: in a frame taught with the robot the tool's "
+            f"error over the work is {found.before_um:.0f} µm rms as it is and {found.after_um:.0f} with the values "
+            f"below; corrected targets (--path) leave {targets}.{base_note(found.base_u_um, found.by_targets_um)}"
         )
     count = "the value" if len(found.entries) == 1 else f"the {len(found.entries)} values"
     reads = found.controller.changes_reading
     check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
     return (
         f"Enter {count} below in {found.controller.place} of the {maker} controller: the tool's error over the work "
-        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms (corrected targets: {targets}); before any "
-        f"motion check that {check}."
+        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms in a frame taught with the robot (corrected "
+        f"targets: {targets}); before any motion check that {check}.{base_note(found.base_u_um, found.by_targets_um)}"
+    )
+
+
+def base_note(base_u_um: float, after_um: float) -> str:
+    """What to say of the place of the whole arm on its base, where that makes more than a third of the squared
+    error."""
+    if base_u_um**2 <= _THIRD * (base_u_um**2 + after_um**2):
+        return ""
+    return (
+        f" (The place of the whole arm on its base is known only to ± {base_u_um / 1e3:.2g} mm from these runs; teach "
+        "the frame of the work with the robot.)"
     )
 
 
@@ -60,7 +80,8 @@ def as_table(found: ControllerEntries) -> RenderableType:
 def carried(found: ControllerEntries) -> str:
     """What the entries carry of the tool's error, and what corrected targets do."""
     return (
-        f"entries carry {found.carried_um:.0f} of {found.before_um:.0f} µm over the work (rms); corrected targets "
+        f"entries carry {found.carried_um:.0f} of {found.before_um:.0f} µm over the work (rms, in a frame taught with "
+        f"the robot); corrected targets "
         f"carry {found.carried_by_targets_um:.0f}"
     )
 
@@ -121,6 +142,7 @@ def as_object(found: ControllerEntries) -> dict[str, Any]:
         "carried_um": _um(found.carried_um),
         "carried_by_corrected_targets_um": _um(found.carried_by_targets_um),
         "elsewhere_um": [_um(one) for one in found.elsewhere_um],
+        "base_u_um": _um(found.base_u_um),
         "known_only_together": [list(group) for group in found.twins],
         "steps": list(found.steps),
         "source": found.controller.source,

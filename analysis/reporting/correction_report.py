@@ -22,6 +22,7 @@ from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
+from analysis.reporting.controller_report import base_note
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -31,6 +32,7 @@ _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
 _GAIN_UM = 1.0
 """Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
+_ERRORS = ("before_um", "after_um", "u_um")
 _HEAD = """\
 # Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
@@ -64,13 +66,23 @@ def _first(found: Corrections) -> str:
     if found.at_controller:
         return controller_report.first_sentence(found.at_controller) + _either(found)
     work = found.work
-    if work.before_um - work.after_um < _GAIN_UM:
-        return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
     what = f"the targets of corrected-{found.path[0].name}" if found.path else "corrected targets (--path TARGETS.csv)"
-    return (
-        f"Send the controller to {what}: the tool's error over the work falls from {work.before_um / 1e3:.3f} to "
-        f"{work.after_um / 1e3:.3f} mm rms (standard uncertainty of the model {work.u_um / 1e3:.3f} mm)."
-    )
+    send = f"Send the controller to {what}: the tool's error over the work falls from"
+    if work.before_um - work.after_um >= _GAIN_UM:
+        return (
+            f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms in a frame taught with the robot (standard "
+            f"uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
+        )
+    if work.base.before_um - work.base.after_um >= _GAIN_UM:
+        return (
+            f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
+            f"taught with the robot it is {_mm(work.before_um)} mm as it is."
+        )
+    return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
+
+
+def _mm(um: float) -> str:
+    return f"{um / 1e3:.3f}"
 
 
 def _either(found: Corrections) -> str:
@@ -112,15 +124,18 @@ def _path_lines(found: Corrections) -> list[str]:
     if found.path:
         path, _, targets = found.path
         lines.append(
-            f"{path.name}: {_count(len(targets.q))}, missed by up to {targets.missed_mm.max():.3f} mm before; "
-            f"reached to ± {targets.u_mm.max():.3f} mm after (standard uncertainty at the worst target), "
-            f"{_small(_left_out(targets).max())} of it by effects that are not corrected"
+            f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
+            f"before; reached to ± {np.nanmax(targets.u_frame_mm):.3f} mm after in a frame taught with the robot, to "
+            f"± {np.nanmax(targets.u_mm):.3f} mm in its base (standard uncertainty at the worst target), "
+            f"{_small(np.nanmax(_left_out(targets)))} of it by effects that are not corrected"
         )
         each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
         lines += targets.doubts
+        if targets.left:
+            lines.append(f"{_count(len(targets.left))} not corrected, with no in the column corrected: as they were")
     return lines
 
 
@@ -132,7 +147,7 @@ def _left_out(targets: Corrected) -> Array:
 
 def _budget(targets: Corrected) -> dict[str, float]:
     """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
-    worst = dict(zip(targets.left_out, targets.left_out_mm.max(axis=0).tolist(), strict=True))
+    worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
     return dict(sorted(worst.items(), key=lambda one: -one[1]))
 
 
@@ -150,11 +165,13 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
     if found.path:
         targets = found.path[2]
         largest = {"missed": targets.missed_mm, "left_out": _left_out(targets), "u": targets.u_mm}
+        largest["u_frame"] = targets.u_frame_mm
         path = {
             "targets": len(targets.q),
-            "largest_mm": {name: float(mm.max()) for name, mm in largest.items()},
+            "largest_mm": {name: float(np.nanmax(mm)) for name, mm in largest.items()},
             "left_out_mm": _budget(targets),
-            "u_um": [round(float(u), 3) for u in 1e3 * targets.u_mm],
+            "u_um": _each_um(targets.u_mm),
+            "u_frame_um": _each_um(targets.u_frame_mm),
             "covered": None if targets.covered is None else targets.covered.tolist(),
             "doubts": list(targets.doubts),
         }
@@ -179,10 +196,28 @@ def _contents(found: Corrections) -> dict[str, Any]:
             }
             for one in found.effects
         ],
-        "work": {name: _um(getattr(found.work, name)) for name in ("before_um", "after_um", "u_um")},
+        "work": {
+            **{name: _um(getattr(found.work, name)) for name in _ERRORS},
+            "base_u_um": _um(found.work.base_u_um),
+            "in_base": {name: _um(getattr(found.work.base, name)) for name in _ERRORS},
+        },
+        "not_corrected": _not_corrected(found),
         "programs": [program_report.as_object(program) for program in found.programs],
         "controller": found.at_controller and controller_report.as_object(found.at_controller),
     }
+
+
+def _not_corrected(found: Corrections) -> list[dict[str, Any]]:
+    """The targets of the path that stay as they were, by their line in the file."""
+    if not found.path:
+        return []
+    _, given, targets = found.path
+    return [{"line": given.lines[one.place], "reason": one.reason, "why": one.what} for one in targets.left]
+
+
+def _each_um(values_mm: Array) -> list[float | None]:
+    """Values (n,) mm in µm, None where there is none."""
+    return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
 
 
 def _constant(one: Correction) -> dict[str, Any]:

@@ -27,7 +27,8 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count:
         found.append(
             f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
-            f"reached to ± {program.u_mm.max():.3f} mm after (standard uncertainty at the worst target)"
+            f"reached to ± {program.u_frame_mm.max():.3f} mm after in a frame taught with the robot, to "
+            f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
         found.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
@@ -50,7 +51,8 @@ def lines(program: CorrectedProgram) -> list[str]:
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
     """Return the same for scripts: lengths in mm, rounding in µm."""
-    columns = (program.names, program.places, program.moved_mm, program.u_mm, program.rounded_um, program.outside)
+    in_mm = (program.moved_mm, program.u_mm, program.u_frame_mm)
+    columns = (program.names, program.places, *in_mm, program.rounded_um, program.outside)
     return {
         "program": program.path.name,
         "controller": program.maker,
@@ -66,10 +68,11 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
                 "line": line,
                 "moved_mm": round(float(moved), 6),
                 "u_mm": round(float(u), 6),
+                "u_frame_mm": round(float(u_frame), 6),
                 "rounded_um": round(float(rounded), 3),
                 "outside_driven_ranges": out,
             }
-            for name, (file, line), moved, u, rounded, out in zip(*columns, strict=True)
+            for name, (file, line), moved, u, u_frame, rounded, out in zip(*columns, strict=True)
         ],
         "left": [
             {

@@ -187,7 +187,8 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     assert targets < 0.1 * before < after < 0.9 * before
     told = " ".join(done.stdout.split())
     assert told.startswith("Enter the ")
-    assert f"falls from {before:.0f} to {after:.0f} µm rms (corrected targets: {targets:.0f} µm)" in told
+    assert f"falls from {before:.0f} to {after:.0f} µm rms in a frame taught with the robot" in told
+    assert f"(corrected targets: {targets:.0f} µm)" in told
     assert f"entries carry {before - after:.0f} of {before:.0f} µm over the work" in told
 
 
@@ -199,7 +200,9 @@ def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
     assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)
     assert [one["u"] for one in entries["entries"]] == pytest.approx([1e-5] * 3, rel=1e-3)
     assert entries["known_only_together"] == [["delta_d[2]", "delta_d[3]", "delta_d[4]"]]
-    assert entries["after_um"] == pytest.approx(30, rel=0.01)
+    # The whole arm stands elsewhere by most of it, which a frame taught with the robot does not show.
+    assert entries["after_um"] == pytest.approx(entries["before_um"] / 10, rel=0.01)
+    assert entries["before_um"] < 150 and 20 < entries["base_u_um"] < 30
 
 
 def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> None:

@@ -326,3 +326,47 @@ def test_every_bad_cell_is_reported(tmp_path: Path) -> None:
 def test_a_rig_without_effects_has_nothing_to_correct() -> None:
     with pytest.raises(FileError, match="has no effects to correct"):
         correct_rig(_rig(), None)
+
+
+def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path: Path) -> None:
+    """The arm is shorter than its rig file says, so that a stretched one does not reach where it should."""
+    cell, path, out = tmp_path / "cell.yaml", tmp_path / "path.csv", tmp_path / "out"
+    cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
+    good = "A,0,-80,100,-20,80,0", "D,10,-85,90,-20,70,30"
+    path.write_text(f"{HEAD}\n{good[0]}\nB,0,-80,0,-20,80,0\nC,0,-80,100,-20,400,0\n{good[1]}\n")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == FileError.exit_code
+    assert "line 3: cannot be corrected: the arm is at a singularity" in done.stderr
+    assert "line 4: axis 5 would stand at 400.000°" in done.stderr
+    with (out / "corrected-path.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["corrected"] for row in rows] == ["yes", "no", "no", "yes"]
+    assert [row["covered"] for row in rows] == ["unknown", "no", "no", "unknown"]
+    assert (
+        [bool(row["u_um"]) for row in rows] == [bool(row["u_frame_um"]) for row in rows] == [True, False, False, True]
+    )
+    assert [float(rows[1][name]) for name in HEAD.split(",")[1:]] == [0, -80, 0, -20, 80, 0]
+    held = yaml.safe_load((out / "corrections.yaml").read_text())["not_corrected"]
+    assert [(one["line"], one["reason"]) for one in held] == [(3, "singular"), (4, "beyond_limits")]
+    path.write_text("\n".join([HEAD, *good]) + "\n")
+    alone = correct_rig(load(str(cell))[0], path).path
+    assert alone
+    told = np.array([[float(row[name]) for name in HEAD.split(",")[1:]] for row in (rows[0], rows[3])])
+    np.testing.assert_allclose(told, np.degrees(alone[2].q), atol=1e-6)
+
+
+def test_what_moves_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path: Path) -> None:
+    rows = [
+        f"P{k}," + ",".join(map(str, row))
+        for k, row in enumerate([*TARGETS, *(TARGETS + np.array([20, -5, 5, 0, 5, 0]))])
+    ]
+    base = correct_rig(_rig(JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01))), _path(tmp_path, rows))
+    assert base.path and base.path[2].u_mm.min() > 0.05 and base.path[2].u_frame_mm.max() < 1e-3
+    assert base.work.base_u_um == pytest.approx(base.work.base.u_um, rel=1e-3) and base.work.u_um < 1
+    both = correct_rig(
+        _rig(JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01)), ZERO_3), _path(tmp_path, rows)
+    )
+    elbow = correct_rig(_rig(ZERO_3), _path(tmp_path, rows))
+    assert both.path and elbow.path
+    np.testing.assert_allclose(both.path[2].u_frame_mm, elbow.path[2].u_frame_mm, rtol=1e-2)
+    assert (elbow.path[2].u_frame_mm < elbow.path[2].u_mm).all() and elbow.path[2].u_frame_mm.min() > 0
