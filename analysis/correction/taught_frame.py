@@ -1,6 +1,6 @@
 """Errors in a frame that is taught with the robot itself, in which a rigid motion of the whole arm does not show.
 
-A tracker or a ball cannot tell where an arm stands on its base: the zero of joint 1, the height of the shoulder and the
+A tracker or a ball cannot show where an arm stands on its base: the zero of joint 1, the height of the shoulder and the
 like show in no run, and neither in work whose frame was taught with the same arm. So an error over the work is stated
 after the rigid motion that fits it best was taken out, six numbers by least squares over the places of the tool.
 """
@@ -16,7 +16,7 @@ from analysis.geometry.rigid import best_rigid
 from analysis.kinematics.arm import Array
 
 _SAME = 1e-9
-"""Part of the largest singular value from which places do not tell a turn: those of one point, or along one line."""
+"""Part of the largest singular value from which places show no turn: those of one point, or along one line."""
 
 
 @dataclass(frozen=True)

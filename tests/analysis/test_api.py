@@ -190,10 +190,10 @@ def test_a_comparison_has_curves_and_residuals_of_every_reading(laps: list[Measu
 
 def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps: list[Measured]) -> None:
     found = calibrate(laps, "backlash:1")
-    (play,) = found.to_table().to_pylist()
-    assert play["value"] == pytest.approx(0.02, abs=5 * play["u"]) and play["unit"] == "deg"
+    (width,) = [row for row in found.to_table().to_pylist() if row["parameter"] == "width_deg"]
+    assert width["value"] == pytest.approx(0.02, abs=5 * width["sd"]) and width["name"] == "backlash 1"
     before, after = compare(laps), compare(laps, found.extended_rig)
-    assert after.fitted.rms_mm < 0.2 * before.fitted.rms_mm
+    assert all(now.rms_um < 0.2 * was.rms_um for was, now in zip(before.runs, after.runs, strict=True))
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == found.to_dict()
 
 
