@@ -154,9 +154,9 @@ def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad, in a frame
-    taught there."""
-    return rest_mm(tool_places(rig, effects, q), tool_places(rig, others, q))
+    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad, with
+    frame and tool taught there."""
+    return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 
 def _constants(rig: Rig, controller: Controller) -> list[Constant]:

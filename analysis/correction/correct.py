@@ -18,7 +18,7 @@ from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.taught_frame import base_u_um, rest_mm
-from analysis.correction.work import rest_effects, rms_um, tool_places, used_effects, work_or_spread
+from analysis.correction.work import rest_effects, rms_um, tool_places, tool_poses, used_effects, work_or_spread
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
@@ -113,7 +113,8 @@ def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
         return rms_um(np.hypot(off_mm, left_mm)), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm)
 
     in_base = InBase(*errors(np.linalg.norm(is_at - wanted, axis=1), u_mm))
-    return WorkError(*errors(rest_mm(is_at, wanted), u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm))
+    rest = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
+    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm))
 
 
 def _targets(

@@ -47,7 +47,7 @@ class CorrectedProgram:
 
     `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
     were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the
-    robot's base and `u_frame_mm` (n,) in a frame taught with the robot over them, `outside` (n,) whether
+    robot's base and `u_frame_mm` (n,) with frame and tool taught with the robot over them, `outside` (n,) whether
     they stand beyond the joint angles that were driven, and `rounded_um` (n,) how far the numbers' decimals put them
     off. `left` is what stayed as it was.
     """

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.correction.calibrated_uncertainty import CalibratedUncertainty, named_in
 from analysis.correction.support import Support
 from analysis.correction.taught_frame import TaughtFrame
-from analysis.correction.work import tool_places, tool_poses, used_effects
+from analysis.correction.work import tool_poses, used_effects
 from analysis.fitting.identifiability import parameter_label
 from analysis.fitting.joint_coverage import BEYOND_DEG
 from analysis.kinematics.arm import Array, Mask, pose_error
@@ -139,18 +139,18 @@ def position_u_mm(known: PoseUncertainty, q: Array) -> Array:
 
 
 def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad in a frame that is
+    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad with frame and tool
     taught with the robot at joint angles `taught` (m, 6) rad. A model that states no more than the covariance of each
     place does not say what places have in common, so that nothing of it is left out."""
     if not isinstance(known, JointPoseUncertainty):
         return position_u_mm(known, q)
     taught = taught[:: -(-len(taught) // _TAUGHT)]
-    frame = TaughtFrame(tool_places(rig, (), taught))
+    frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     motions = frame.motions(known.pose_displacements(taught)[:, :, :3])
     squares = np.zeros(len(q))
     for begin in range(0, len(q), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_places(rig, (), q[rows]), motions)
+        left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
         squares[rows] = (left**2).sum(axis=(0, 2))
     return np.sqrt(squares)
 

@@ -26,8 +26,8 @@ POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
 """Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
 effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, in the
-robot's base and in a frame taught with the robot, whether all joints stand where the runs drove them (yes, no or
-unknown), and whether the target was corrected (yes or no)."""
+robot's base and with frame and tool taught with the robot, whether all joints stand where the runs drove them (yes, no
+or unknown), and whether the target was corrected (yes or no)."""
 
 
 @dataclass(frozen=True)

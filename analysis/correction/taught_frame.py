@@ -1,8 +1,10 @@
-"""Errors in a frame that is taught with the robot itself, in which a rigid motion of the whole arm does not show.
+"""Errors with a frame and a tool that are taught with the robot itself, in which a rigid motion of the whole arm and a
+shift of the tool on the flange do not show.
 
-A tracker or a ball cannot show where an arm stands on its base: the zero of joint 1, the height of the shoulder and the
-like show in no run, and neither in work whose frame was taught with the same arm. So an error over the work is stated
-after the rigid motion that fits it best was taken out, six numbers by least squares over the places of the tool.
+A tracker or a ball cannot show where an arm stands on its base, nor where its target sits on the last link: the zero of
+joint 1, the height of the shoulder and the length of the last link show in no run, and neither in work whose frame and
+tool centre were taught with the same arm. So an error over the work is stated after these nine terms were taken out, by
+least squares over the places of the tool, as set-ups are fitted everywhere else.
 """
 
 from __future__ import annotations
@@ -21,43 +23,47 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class TaughtFrame:
-    """A frame taught at `places` (n, 3) mm of the tool."""
+    """A frame and a tool taught at `poses` (n, 4, 4) of the tool, places in mm."""
 
-    places: Array
+    poses: Array
 
     @cached_property
     def _middle(self) -> Array:
-        middle: Array = self.places.mean(axis=0)
+        middle: Array = self.poses[:, :3, 3].mean(axis=0)
         return middle
 
     @cached_property
     def _lever_mm(self) -> float:
         """Root mean square distance from the middle, by which a turn counts as much as a shift."""
-        return max(1.0, float(np.sqrt(((self.places - self._middle) ** 2).sum(axis=1).mean())))
+        return max(1.0, float(np.sqrt(((self.poses[:, :3, 3] - self._middle) ** 2).sum(axis=1).mean())))
 
-    def _columns(self, places: Array) -> Array:
-        """Return what shifts in mm and turns about the middle, in mm at the lever, do (n, 3, 6) at places (n, 3) mm."""
-        shifts = np.tile(np.eye(3), (len(places), 1, 1))
-        turns = np.cross(np.eye(3)[None], ((places - self._middle) / self._lever_mm)[:, None, :])
-        return np.concatenate([shifts, turns.transpose(0, 2, 1)], axis=2)
+    def _columns(self, poses: Array) -> Array:
+        """Return what shifts in mm, turns about the middle, in mm at the lever, and shifts of the tool on the flange in
+        mm do (n, 3, 9) at poses (n, 4, 4)."""
+        shifts = np.tile(np.eye(3), (len(poses), 1, 1))
+        turns = np.cross(np.eye(3)[None], ((poses[:, :3, 3] - self._middle) / self._lever_mm)[:, None, :])
+        return np.concatenate([shifts, turns.transpose(0, 2, 1), poses[:, :3, :3]], axis=2)
 
     def motions(self, moves: Array) -> Array:
-        """Return the small rigid motions (k, 6) closest to displacements (k, n, 3) mm at the places of the frame."""
-        inverse = np.linalg.pinv(self._columns(self.places).reshape(-1, 6), _SAME)
+        """Return the small motions (k, 9) closest to displacements (k, n, 3) mm at the poses of the frame."""
+        columns = self._columns(self.poses)
+        inverse = np.linalg.pinv(columns.reshape(-1, columns.shape[2]), _SAME)
         found: Array = moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
         return found
 
-    def rest(self, moves: Array, places: Array, motions: Array) -> Array:
-        """Return displacements (k, n, 3) mm at places (n, 3) mm without rigid motions (k, 6)."""
-        left: Array = moves - np.einsum("nij,kj->kni", self._columns(places), motions)
+    def rest(self, moves: Array, poses: Array, motions: Array) -> Array:
+        """Return displacements (k, n, 3) mm at poses (n, 4, 4) without motions (k, 9)."""
+        left: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
         return left
 
 
 def rest_mm(places: Array, wanted: Array) -> Array:
-    """Return how far (n,) mm places (n, 3) mm are from where they are wanted (n, 3) mm, in the frame in which they fit
-    best."""
-    T = best_rigid(places, wanted)
-    left: Array = np.linalg.norm(places @ T[:3, :3].T + T[:3, 3] - wanted, axis=1)
+    """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
+    with which they fit best."""
+    T = best_rigid(places, wanted[:, :3, 3])  # exact for a large turn, about which the other terms are linear
+    moves = (places @ T[:3, :3].T + T[:3, 3] - wanted[:, :3, 3])[None]
+    frame = TaughtFrame(wanted)
+    left: Array = np.linalg.norm(frame.rest(moves, wanted, frame.motions(moves))[0], axis=1)
     return left
 
 

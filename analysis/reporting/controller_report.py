@@ -25,22 +25,24 @@ def first_sentence(found: ControllerEntries) -> str:
     if not found.entries:
         return (
             f"Nothing is to be entered at this {maker} controller: none of its parameters takes up 1 µm of the "
-            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, in a frame "
-            f"taught with the robot.{base_note(found.base_u_um, found.by_targets_um)}"
+            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, with frame "
+            f"and tool taught with the robot.{base_note(found.base_u_um, found.by_targets_um)}"
         )
     if found.carried_um <= 0:
         return (
-            f"Leave the parameters of this {maker} controller as they are: in a frame taught with the robot the tool's "
-            f"error over the work is {found.before_um:.0f} µm rms as it is and {found.after_um:.0f} with the values "
-            f"below; corrected targets (--path) leave {targets}.{base_note(found.base_u_um, found.by_targets_um)}"
+            f"Leave the parameters of this {maker} controller as they are: with frame and tool taught with the "
+            f"robot the tool's error over the work is {found.before_um:.0f} µm rms as it is and "
+            f"{found.after_um:.0f} with the values below; corrected targets (--path) leave {targets}."
+            f"{base_note(found.base_u_um, found.by_targets_um)}"
         )
     count = "the value" if len(found.entries) == 1 else f"the {len(found.entries)} values"
     reads = found.controller.changes_reading
     check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
     return (
         f"Enter {count} below in {found.controller.place} of the {maker} controller: the tool's error over the work "
-        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms in a frame taught with the robot (corrected "
-        f"targets: {targets}); before any motion check that {check}.{base_note(found.base_u_um, found.by_targets_um)}"
+        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms with frame and tool taught with the robot "
+        f"(corrected targets: {targets}); before any motion check that {check}."
+        f"{base_note(found.base_u_um, found.by_targets_um)}"
     )
 
 

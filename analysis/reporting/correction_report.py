@@ -70,8 +70,8 @@ def _first(found: Corrections) -> str:
     send = f"Send the controller to {what}: the tool's error over the work falls from"
     if work.before_um - work.after_um >= _GAIN_UM:
         return (
-            f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms in a frame taught with the robot (standard "
-            f"uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
+            f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
+            f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
         )
     if work.base.before_um - work.base.after_um >= _GAIN_UM:
         return (
@@ -125,8 +125,8 @@ def _path_lines(found: Corrections) -> list[str]:
         path, _, targets = found.path
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
-            f"before; reached to ± {np.nanmax(targets.u_frame_mm):.3f} mm after in a frame taught with the robot, to "
-            f"± {np.nanmax(targets.u_mm):.3f} mm in its base (standard uncertainty at the worst target), "
+            f"before; reached to ± {np.nanmax(targets.u_frame_mm):.3f} mm after with frame and tool taught with the "
+            f"robot, to ± {np.nanmax(targets.u_mm):.3f} mm in its base (standard uncertainty at the worst target), "
             f"{_small(np.nanmax(_left_out(targets)))} of it by effects that are not corrected"
         )
         each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]

@@ -27,7 +27,7 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count:
         found.append(
             f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
-            f"reached to ± {program.u_frame_mm.max():.3f} mm after in a frame taught with the robot, to "
+            f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
             f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
