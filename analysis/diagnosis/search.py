@@ -26,6 +26,7 @@ from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
+from analysis.diagnosis.settling import beginnings
 from analysis.diagnosis.worth import limits_um
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -135,7 +136,8 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
-        state = selection.initial_state(effects)
+        # A fit with the strengths of the noise alone leaves much of a large effect to the background.
+        state = selection.settled(*beginnings(selection.initial_state(effects)))
         effects = state.refined.effects
         if selection.holds_for(state):
             break

@@ -16,7 +16,7 @@ from analysis.diagnosis.answer import BudgetPart, Condition, Doubt
 from analysis.diagnosis.budget import CERTAIN_SIGMA
 from analysis.diagnosis.diagnosis import Diagnosis, Named
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size
-from analysis.reporting.page.texts import Texts, texts_of
+from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
 
 NextStep = Literal["repair", "separate", "elsewhere", "repeat", "look", "plan", "calibrate", "unseen", "nothing"]

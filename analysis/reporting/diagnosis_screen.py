@@ -26,7 +26,7 @@ from analysis.reporting.diagnosis_words import (
     sure,
     with_uncertainty,
 )
-from analysis.reporting.page.texts import texts_of
+from analysis.reporting.texts import texts_of
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
 

@@ -12,7 +12,7 @@ from tests.support.blind import trial
 from tests.support.blind.trial import Job, run_job
 
 CASES = [
-    ("healthy", 103, "nothing_unusual"),
+    ("healthy", 103, "uncalibrated"),
     ("one", 200, "named"),
     ("foreign_large", 201, "outside_library"),
 ]

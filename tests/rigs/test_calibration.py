@@ -51,7 +51,7 @@ def _nothing_remembered() -> Iterator[None]:
     """What one test read is not there for the next one."""
     reading._calibrations.clear()  # private: calibrations are kept by their digest
     yield
-    reading._calibrations.clear()
+    reading._calibrations.clear()  # private: as above
 
 
 def _added(effects: Sequence[Effect]) -> Array:
@@ -225,6 +225,7 @@ def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp
     assert model_of(rig, ()).effects == (), "who names the effects needs no calibration"
     shutil.copy(beside, tmp_path / "there")
     assert calibrated_beside(rig, tmp_path / "there").calibrated == calibrated_model()
+    # private: the property raises where a calibration is named and was not read
     assert parse(rig_file.read_text(), "cell.yaml")._calibrated is None, "the rig of the text alone stays as it is"
 
 

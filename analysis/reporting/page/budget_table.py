@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from analysis.diagnosis.answer import BudgetPart
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 
 _TENTHS = 1000
 """Tenths of a percent in a whole."""

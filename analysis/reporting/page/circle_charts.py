@@ -11,7 +11,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import CircleCurve
 from analysis.measures.results import Result
 from analysis.reporting.page.chart import Chart, Frame, Line, Role, marks_of
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 
 _FRAMES: tuple[Frame, ...] = ("straight", "polar")
 _DIRECTIONS: tuple[Role, ...] = ("acw", "cw")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 
 _UNPLACED_DEG = 15.0
 """Standard uncertainty beyond which a place on the circle is no place: 2 u to either side are then a sixth of it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
 from analysis.reporting.answer_words import AnswerWords, part_of
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, remedy, size, sure
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 from rigs.effects import Effect
 from rigs.schema.vocabulary import CIRCLES
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.api import Result
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 from rigs.errors import UseError
 
 _LONGEST = 200

@@ -15,7 +15,7 @@ from analysis.reporting.diagnosis_curves import Strand, strands_of
 from analysis.reporting.diagnosis_words import whole_lap
 from analysis.reporting.page.chart import Chart, Line, marks_of, stretches
 from analysis.reporting.page.report import Report
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 
 _MOST_MAPS = 3
 _ARROWS = {"out": "↓", "in": "↑"}

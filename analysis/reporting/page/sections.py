@@ -19,8 +19,8 @@ from analysis.reporting.page.columns import Column, columns_of, shown
 from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.target_charts import target_charts
-from analysis.reporting.page.texts import Texts
 from analysis.reporting.run_words import in_words, what_u_is
+from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)

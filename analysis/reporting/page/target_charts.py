@@ -8,7 +8,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.result_curves import PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
 from analysis.reporting.page.chart import Chart, Line, Picture, SphereChart
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 
 _GRID = (13, 37)
 """Nodes of the drawn surface in polar angle and azimuth: each 7.5° and 10° of a hemisphere."""

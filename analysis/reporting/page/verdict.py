@@ -13,7 +13,7 @@ from analysis.diagnosis.standing import JudgedFigure, judged_figures
 from analysis.measures.results import Result
 from analysis.reporting.labels import whole_label
 from analysis.reporting.page.columns import title_of
-from analysis.reporting.page.texts import Texts
+from analysis.reporting.texts import Texts
 from rigs.schema.limits import COVERAGE, Limits, Standing
 from rigs.schema.vocabulary import TestName
 

@@ -32,9 +32,9 @@ from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
-from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
+from analysis.reporting.texts import Language, Texts, texts_of
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:

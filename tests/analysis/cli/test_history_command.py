@@ -117,7 +117,7 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "Play of axis 3 of yaw acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
-    with pytest.raises(UseError, match="leave --rig and --plot out"):
+    with pytest.raises(UseError, match="leave --rig, --unseen and --plot out"):
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 

@@ -20,7 +20,6 @@ from tests.support.command_line import ran
     [
         (("plan", "ur10e", "--minutes", "30"), "--minutes: is allowed only with --propose"),
         (("plan", "ur10e", "-o", "out"), "--output: is allowed only with --propose"),
-        (("calibrate", "run", "--fit", "joint_offset", "--groups"), "--groups: says how --share chooses"),
         (("live", "--speed", "2"), "--speed: is allowed only with --run"),
         (("live", "--plain", "--json"), "--plain and --json: exclude each other"),
         (

@@ -160,7 +160,7 @@ def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) ->
     done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "--json"])
     assert done.exit_code == 0, done.exception
     answer = json.loads(done.stdout)
-    (one,) = [one for one in answer["effects"] if one["material"]]
+    (one,) = [one for one in answer["effects"] if one["stands"]]
     assert one["name"] == "joint_offset 3" and one["held_out_gain"] > 0.5
     offset = one["parameters"]["offset_deg"]
     assert abs(offset["value"] - np.degrees(wrong.offset[2])) < max(4 * offset["sd"], 0.05)

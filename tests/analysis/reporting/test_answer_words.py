@@ -9,7 +9,7 @@ import pytest
 
 from analysis.diagnosis.answer import Accuracy, BudgetPart, Condition, Doubt
 from analysis.reporting.answer_words import AnswerWords, NextStep, doubt_words, next_step
-from analysis.reporting.page.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
 from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis

@@ -6,7 +6,7 @@ import pytest
 
 from analysis.diagnosis.answer import BudgetPart
 from analysis.reporting.page.budget_table import BudgetTable, budget_table
-from analysis.reporting.page.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from tests.support.handmade_diagnosis import PLAY, SMALL, diagnosis
 
 

@@ -11,8 +11,8 @@ from analysis import evaluate_runs, load_run
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.page.report import Report, gather
-from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered
+from analysis.reporting.texts import texts_of
 from rigs.effects import Backlash, TransmissionError
 from rigs.load import load, load_hidden
 from tests.support.written_runs import write_simulated

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres
-from analysis.reporting.page.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import BallForm, JointOffset
 from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis
 

@@ -12,8 +12,8 @@ import pytest
 from analysis import evaluate_runs, load_run
 from analysis.reporting.page.heading import Heading
 from analysis.reporting.page.report import Report, gather
-from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered, write_page
+from analysis.reporting.texts import texts_of
 from rigs.errors import CellError, UseError
 from rigs.load import load
 from tests.support import command_line

@@ -24,8 +24,8 @@ from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.target_charts import directions, interpolated, target_charts
-from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered, write_page
+from analysis.reporting.texts import texts_of
 from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from rigs.schema.limits import Limits

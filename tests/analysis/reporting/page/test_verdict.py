@@ -12,8 +12,8 @@ import yaml
 from analysis import Result, evaluate_runs, load_run
 from analysis.diagnosis.standing import standing_of
 from analysis.measures.columns import figure_columns
-from analysis.reporting.page.texts import LANGUAGES, Language, texts_of
 from analysis.reporting.page.verdict import Verdict, example_limits, judge, named, verdict_sentence
+from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
 from rigs.schema.vocabulary import TestName
