@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.kinematics.arm import arm_of, forward
-from analysis.reporting.diagnosis_words import headline
+from analysis.reporting.answer_words import AnswerWords
 from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.schema.effect import name_of
@@ -45,7 +45,7 @@ def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:
     found = _ahead(Q - np.radians([0.03, 0.05, 0.04, 0.03, 0.05, 0.03]) * np.sign(CAME))
     assert set(_reported(found)) >= {1, 2, 3}
     assert found.condition == "not_testable_here" and found.budget == ()
-    assert found.effects == () and headline(found).startswith("These runs cannot show")
+    assert found.effects == () and AnswerWords(found).headline.startswith("These runs cannot show")
 
 
 def test_joints_that_had_a_share_of_their_move_to_go_are_reported() -> None:

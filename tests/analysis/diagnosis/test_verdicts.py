@@ -19,8 +19,8 @@ from analysis.diagnosis.diagnosis import Diagnosis, Named
 from analysis.diagnosis.doubts import doubts_of_limits
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.verdict import without_useless
+from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_screen import as_screen
-from analysis.reporting.diagnosis_words import headline
 from analysis.simulation.simulate import simulate
 from rigs.effects import (
     Backlash,
@@ -142,7 +142,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     assert "no fault, one of more waves than a joint has: transmission_error 1 order" in shown.get()
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
-    assert "comes from gear error" not in headline(found), "what imitates something else is no cause"
+    assert "comes from gear error" not in AnswerWords(found).headline, "what imitates something else is no cause"
 
 
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:
