@@ -91,6 +91,8 @@ def test_one_lap_of_one_direction_promises_no_more_than_each_remedy_alone(runs: 
 
 
 def _assert_promises_are_of_one_remedy(found: Diagnosis, page: str) -> None:
-    promised = re.findall(r"By this remedy alone the error falls from ([\d.]+ µm) to ([\d.]+ µm)", _box(page))
+    promised = re.findall(
+        r"With this fault gone, and nothing else changed, the error falls from ([\d.]+ µm) to ([\d.]+ µm)", _box(page)
+    )
     known = sorted(found.standing, key=lambda one: -one.worth_um)
     assert promised == [(micrometres(found.train.before_um), micrometres(one.alone_um)) for one in known]

@@ -31,7 +31,10 @@ def test_what_is_promised_is_what_the_remedy_alone_removes(language: Language) -
         assert micrometres(named.alone_um) in one.removes and "6.1 µm" in one.removes
         assert micrometres(found.train.after_um) not in one.removes
     (useless,) = findings_of(diagnosis("named", effects=(replace(PLAY, alone_um=6.2),)), ENGLISH)
-    assert useless.removes == "By this remedy alone the error does not fall: it stays at 6.2 µm (rms)."
+    assert (
+        useless.removes
+        == "With this fault gone, and nothing else changed, the error does not fall: it stays at 6.2 µm (rms)."
+    )
 
 
 def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
