@@ -44,6 +44,8 @@ are commonest. A port that is plugged in is tried at all of them."""
 _CONFIRM_S = 0.5
 """For more readings, once a protocol fits."""
 LISTEN_S = 1.0
+_FORGIVING = ("sylvac_opto_rs", "mahr_c1202", "mitutoyo_qm_height", "mitutoyo_usb")
+"""Interfaces of which a message ends in a carriage return alone."""
 _ROOT = Path("/")
 
 _PORT: TypeAdapter[str] = TypeAdapter(Port)
@@ -155,7 +157,7 @@ def _tried(
         elif not trial.samples and kinds == {FaultKind.DEVICE_ERROR}:
             own_error = own_error or (attempt, trial)
     if best:
-        ranked = sorted(best, key=lambda pair: evidence_of(pair[1].items).rank, reverse=True)
+        ranked = sorted(best, key=_rank, reverse=True)
         also = tuple(attempt.interface for attempt, _ in ranked[1:] if attempt.interface != ranked[0][0].interface)
         return _with_gauges(report, *ranked[0], also)
     if own_error:
@@ -163,6 +165,13 @@ def _tried(
         what = f"{attempt.interface} answers at {attempt.line} with an error of its own"
         return _failed(report, what, trial.last_fault)
     return _nothing(report, received, len(tried), len(tried))
+
+
+def _rank(found: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
+    """Return what orders attempts that fit, the best highest. An interface of which a message ends in a carriage return
+    takes a line feed after it too, and so fits an instrument of another one that always sends both."""
+    enough, understood, readings = evidence_of(found[1].items).rank
+    return enough, understood, found[0].interface not in _FORGIVING, readings
 
 
 def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
