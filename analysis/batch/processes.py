@@ -26,6 +26,10 @@ _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context
 _TRIES = 2
 """An item is begun once more where its process is killed: the system may have taken the wrong one for its memory."""
 
+_SIGNALS_S = 1.0
+"""How long one wait lasts: Python looks for a Ctrl-C between calls, so one that comes just before a wait would wait as
+long as the work does (seen once in a thousand runs of the tests on a busy computer)."""
+
 _AHEAD = 200
 """Items begun beyond the one that is waited for: their values lie in memory until it is there."""
 
@@ -110,7 +114,9 @@ def _started(work: Callable[[Any], Any]) -> _Worker:
 
 def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
     """Those at work that have answered or died; waits for the first."""
-    lines = wait([worker.line for worker in workers if worker.place is not None])
+    at_work = [worker.line for worker in workers if worker.place is not None]
+    while not (lines := wait(at_work, _SIGNALS_S)):
+        pass
     return [worker for worker in workers if worker.line in lines]
 
 

@@ -82,6 +82,22 @@ def test_no_process_is_left_where_the_iteration_is_left(tmp_path: Path) -> None:
     assert signed_in(tmp_path) and all(map(is_gone, signed_in(tmp_path)))
 
 
+def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Python's own handler runs when a call returns: here the signal comes as it does between the two."""
+    pressed = []
+
+    def wait(lines: list[object], timeout: float | None = None) -> list[object]:
+        if pressed:  # the handler runs, as the call before has returned
+            raise KeyboardInterrupt
+        assert timeout is not None, "waits for ever, and Ctrl-C with it"
+        pressed.append(True)
+        return []
+
+    monkeypatch.setattr("analysis.batch.processes.wait", wait)
+    with pytest.raises(KeyboardInterrupt):
+        list(each(waits, [tmp_path] * 4, jobs=2))
+
+
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
 def test_no_process_is_left_where_the_program_ends(end: signal.Signals, tmp_path: Path) -> None:
     program = f"""
