@@ -38,8 +38,12 @@ from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
 
 Array = NDArray[np.float64]
+CALIBRATION = ".calibration.json"
+"""What the name of a calibration file ends in."""
 TIMES = "times"
 """The parameter that every term has: how many times the effect at its reference size."""
+MOST_CALIBRATION_BYTES = 100_000_000
+"""A file of 1500 terms has 7 MB; it grows with the square of their number."""
 _MOST_TERMS = 20_000
 """Terms of a calibration. A diagnosis of poses has 1500; a root of the covariance of more is larger than a file may be.
 """
@@ -113,6 +117,18 @@ class CalibratedModel(Part):
     terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
     parameters: tuple[Parameter, ...] = Field(max_length=_MOST_TERMS)
     factor: str
+
+    @classmethod
+    def read(cls, content: bytes) -> CalibratedModel:
+        """Return the model of the bytes of a calibration file, which it keeps. Raises ValidationError."""
+        found = cls.model_validate_json(content)
+        vars(found)["content"] = content  # as `content` would keep it
+        return found
+
+    @cached_property
+    def content(self) -> bytes:
+        """The bytes of its file: those that it was read from, of which a rig file has the digest, or new ones."""
+        return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import read_bytes, read_text
@@ -99,7 +99,7 @@ def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
 
 def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     try:
-        data = read_bytes(path, _MAX_CALIBRATION_BYTES)
+        data = read_bytes(path, MOST_CALIBRATION_BYTES)
     except OSError as error:
         what = f"is named by the rig file beside it and cannot be read: {error.strerror or error}"
         raise FileError(str(path), what, "copy it there too, or remove the key calibration from the rig file") from None
@@ -107,7 +107,7 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
         what = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
         raise FileError(str(path), what, "restore both files of one diagnosis, or diagnose again")
     try:
-        return CalibratedModel.model_validate_json(data)
+        return CalibratedModel.read(data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
@@ -115,8 +115,6 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
 
 
 _calibrations: dict[str, CalibratedModel] = {}
-_MAX_CALIBRATION_BYTES = 100_000_000
-"""A file of 1500 terms has 7 MB; it grows with the square of their number."""
 
 
 def _text(path: Path) -> str:

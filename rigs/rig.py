@@ -67,6 +67,20 @@ class Rig(Part):
         found._calibrated = content
         return found
 
+    def calibrated_as(self, other: Rig) -> Rig:
+        """Return the rig with the content of the calibration that it names, if another rig names the same and has
+        it."""
+        return (
+            self.with_calibration(other.calibration, other._calibrated)
+            if self.calibration == other.calibration
+            else self
+        )
+
+    @property
+    def beside(self) -> dict[str, bytes]:
+        """The files beyond its own that the rig consists of, by name: its calibration, if that was read."""
+        return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
+
     def modelled_as(self, rig: Rig) -> Rig:
         """Return the rig with the errors of another one: its effects and its calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)

@@ -106,7 +106,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
     path = Path(directory)
     if run.run.table is None:
         raise FileError(str(run.path), "is a recorded run, and only its table was read", "copy its directory")
-    write_table_run(run.run, path)
+    write_table_run(run.run, path, run.rig.beside)
     return path
 
 

@@ -8,6 +8,7 @@ from daq.store.durable import TEMPORARY
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST, OF_A_RUN
 from daq.store.marks import MARKS
+from rigs.calibration import CALIBRATION
 
 NO_RUNS = "lost+found"
 """What a file system puts at its top, for root alone."""
@@ -27,4 +28,4 @@ def has_figures(name: str) -> bool:
 
 def is_read(name: str) -> bool:
     """Whether reading or verifying a run looks at a file."""
-    return has_figures(name) or name == MARKS or name.endswith(TEMPORARY)
+    return has_figures(name) or name == MARKS or name.endswith((TEMPORARY, CALIBRATION))

@@ -66,6 +66,8 @@ def emulate(
     try:
         directory.mkdir(parents=True, exist_ok=True)
         durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
         durable.replace(
             path, cell.rig_text(text, emulated=True).encode()
         )  # the last: by the other it is known as an emulated cell's

@@ -50,6 +50,8 @@ def replay(
     try:
         directory.mkdir(parents=True, exist_ok=True)
         played = Replay.open(rig, capture, directory / MARKS)
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

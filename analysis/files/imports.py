@@ -47,7 +47,7 @@ def read_table(
         source_sha256=read.sha256,
         placement=placement,
     )
-    measured = measured_of(run)
+    measured = measured_of(run, rig)
     doubts = (*check_units(measured.table, rig, str(source)), *_doubts(measured.table, rig, str(source)))
     return replace(measured, doubts=(*read.doubts, *doubts, *measured.doubts))
 

@@ -47,7 +47,7 @@ def extended_files(
     NAME.calibration.json. Raises RigFileError where an effect is beyond its bounds."""
     files, named = {}, None
     if calibrated:
-        path, content = calibration_path(output), calibrated.model_dump_json(indent=1).encode()
+        path, content = calibration_path(output), calibrated.content
         named, files[path.name] = calibration_file(path.name, content), holding(content)
     return files | {output.name: holding(extended(text, effects, str(output), named).encode())}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from analysis.simulation.simulate import Noise, simulate
 from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import SIMULATED, Measured, measured_of
+from analysis.traces.loading import SIMULATED, Measured, measured_of, rig_of
 from daq.store import table_run
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -32,16 +32,15 @@ def simulated_run(
     """
     # One seed for both directions must not give them the same noise.
     draw = None if seed is None else 2 * seed + (direction == "cw")
-    return measured_of(
-        table_run(
-            Path("-".join(filter(None, [test, direction, "exact" if seed is None else f"{seed:03d}"]))),
-            columns_of(simulate(rig, test, direction, draw, effects, noise)),
-            test=test,
-            direction=direction,
-            rig_name=rig.name,
-            rig_text=rig_text,
-            operator="rig simulate",
-            source=f"{SIMULATED}{'no noise' if seed is None else f'seed {seed}'}",
-            source_sha256=hashlib.sha256(repr(effects or rig.effects).encode()).hexdigest(),
-        )
+    run = table_run(
+        Path("-".join(filter(None, [test, direction, "exact" if seed is None else f"{seed:03d}"]))),
+        columns_of(simulate(rig, test, direction, draw, effects, noise)),
+        test=test,
+        direction=direction,
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator="rig simulate",
+        source=f"{SIMULATED}{'no noise' if seed is None else f'seed {seed}'}",
+        source_sha256=hashlib.sha256(repr(effects or rig.effects).encode()).hexdigest(),
     )
+    return measured_of(run, rig_of(run).calibrated_as(rig))

@@ -68,7 +68,7 @@ def load_measured(path: Path) -> Measured:
     """Read a run, recorded or imported, wherever it lies. Raises FileError."""
     with fetched(path) as directory:
         run = read_run(directory)
-        rig = calibrated_beside(_rig_of(run), directory)
+        rig = calibrated_beside(rig_of(run), directory)
     return measured_of(replace(run, path=path), rig)
 
 
@@ -84,15 +84,16 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
         known[readings] = path
 
 
-def _rig_of(run: Run) -> Rig:
+def rig_of(run: Run) -> Rig:
+    """Return the rig of the text in the manifest of a run, without a calibration. Raises RigFileError."""
     return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
-    """A run that has been read, with its rig, or that of its manifest, and its table. Raises FileError."""
+    """A run that has been read, with the rig of its manifest, or this one, and its table. Raises FileError."""
     path = run.path
     _is_in_step(run)
-    rig = rig or _rig_of(run)
+    rig = rig or rig_of(run)
     if run.manifest.test != "pose" and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
         raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")

@@ -184,6 +184,7 @@ class Daemon:
             view_zero_mm=label.view_zero_mm,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,
+            beside=self._rig.beside,
         )
 
     def _status(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ chunk is durable, so that an import cut off is seen, and brought back or given u
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import pyarrow as pa
@@ -17,6 +18,7 @@ from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
 from daq.store.records import ImportedTable, Relabelling, Seal, chunk_name, iso_now
 from daq.store.run import Run
+from daq.store.run_directory import write_beside
 from daq.store.schema import FAULTS, TABLE
 from daq.store.staged import new_directory
 from daq.store.stream_writer import describe
@@ -60,13 +62,15 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     return Run(path, manifest, {}, [], whole)
 
 
-def write_table_run(run: Run, path: Path) -> Manifest:
+def write_table_run(run: Run, path: Path, beside: Mapping[str, bytes] | None = None) -> Manifest:
     """Make the run directory `path` of a run of a table, which is called as the directory from now on.
 
+    beside: content of the files that belong beside the rig file, by name.
     Raises FileError where path exists, CellError when the disk refuses; then, and after Ctrl-C, nothing is left of it.
     """
     try:
         with new_directory(path) as made:
+            write_beside(made, beside or {})
             _fill(run, made, _name(path))
     except FileExistsError:
         raise FileError(str(path), "exists already", "give the run a directory of its own") from None

@@ -41,17 +41,20 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
         raise CellError(str(vanished[0]), "has vanished during the recording", _WHO_DELETES)
 
 
-def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int, Ledger]:
-    """Create a fresh directory `<UTC time>_<name>` under runs; return it with the run's lock and its ledger.
+def create_run_directory(runs: Path, manifest: Manifest, beside: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
+    """Create a fresh directory `<UTC time>_<name>` under runs, with the files that belong beside the rig file.
+
+    Return it with the run's lock and its ledger.
 
     Raises NearlyFull if there is too little room to begin, OSError if the disk refuses.
     """
     durable.make_directories(runs)
-    require_room(runs, TO_BEGIN_BYTES)
+    require_room(runs, TO_BEGIN_BYTES + sum(map(len, beside.values())))
     path = _fresh_directory(runs, manifest.name)
     try:
         held = durable.lock(path)
         try:
+            write_beside(path, beside)
             manifest.save(path)
             durable.sync_directory(runs)
             return path, held, Ledger.create(path, manifest.opening())
@@ -61,6 +64,13 @@ def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int, Led
     except OSError:
         durable.discard(path)
         raise
+
+
+def write_beside(path: Path, beside: Mapping[str, bytes]) -> None:
+    """Write the files that belong beside the rig file of a run into its directory, durably. The rig file has the digest
+    of each, and the manifest that of the rig file. Raises OSError."""
+    for name, content in beside.items():
+        durable.replace(path / name, content)
 
 
 def _fresh_directory(runs: Path, name: str) -> Path:

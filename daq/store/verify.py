@@ -17,7 +17,9 @@ from daq.store.marks import load_marks
 from daq.store.records import BEING_RECORDED, sha256, to_recover
 from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS, TABLE
+from rigs.calibration import CALIBRATION, MOST_CALIBRATION_BYTES
 from rigs.errors import FileError
+from rigs.files import read_bytes
 
 END_UNKNOWN = "before its end, which was never sealed: rows after the last one may be missing"
 """What is known of the end of a run that was cut off, by a crash or by somebody."""
@@ -156,6 +158,24 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
         problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
+    return [*problems, *_beside(path, manifest)]
+
+
+def _beside(path: Path, manifest: Manifest) -> list[str]:
+    """What is wrong with a calibration beside a run, of which the rig file in the manifest has the digest. Older runs
+    have none."""
+    problems = []
+    for file in sorted(path.glob(f"*{CALIBRATION}")):
+        try:
+            digest = sha256(read_bytes(file, MOST_CALIBRATION_BYTES))
+        except OSError as error:
+            problems.append(str(unreadable(file, error)))
+            continue
+        except FileError as error:
+            problems.append(str(error))
+            continue
+        if digest not in manifest.rig_text:
+            problems.append(f"{file}: is not the calibration that the rig file in the manifest names (SHA-256)")
     return problems
 
 

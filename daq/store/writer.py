@@ -93,6 +93,7 @@ class RunWriter:
         placement: str = "",
         view_zero_mm: ViewZero | None = None,
         follows: str = "",
+        beside: Mapping[str, bytes] | None = None,
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
         """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest and ledger on the disk.
@@ -100,6 +101,7 @@ class RunWriter:
         A name that begins with a UTC time of its own is the directory's as it is.
 
         streams: value columns of each sample stream. follows: the run that this one goes on from.
+        beside: content of the files that belong beside the rig file, by name.
         Raises FileError for unusable names, CellError when the disk refuses (NearlyFull when it soon would).
         """
         manifest = new_manifest(
@@ -115,7 +117,7 @@ class RunWriter:
             follows=follows,
         )
         try:
-            path, held, ledger = create_run_directory(runs, manifest)
+            path, held, ledger = create_run_directory(runs, manifest, beside or {})
         except OSError as error:
             remedy = durable.remedy(error, "make room or choose another directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
