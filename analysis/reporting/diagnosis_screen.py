@@ -13,6 +13,7 @@ from rich.text import Text
 from analysis.diagnosis.answer import Condition, Doubt
 from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.diagnosis import Diagnosis, Gap
+from analysis.diagnosis.selection_state import FAULT
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (
     beside_size,
@@ -103,7 +104,8 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
     halves = "of what two parts have in common each has half" * any(one.share < 0 for one in large)
-    return [table, *([Text(halves, style="dim")] if halves else [])]
+    cut_off = f"× usual: so many times what a healthy arm shows; what is no single fault is unusual above {FAULT:g}"
+    return [table, Text(cut_off, style="dim"), *([Text(halves, style="dim")] if halves else [])]
 
 
 def _faults(found: Diagnosis) -> list[RenderableType]:

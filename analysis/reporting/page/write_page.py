@@ -19,6 +19,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from analysis.diagnosis.selection_state import FAULT
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
@@ -65,6 +66,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict_sentence=verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts) if report.found else None,
+        cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
