@@ -20,6 +20,7 @@ from analysis.diagnosis.background_effects import background_effects
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.joint_curves import JointCurves
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
@@ -106,13 +107,14 @@ def search(
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     before: tuple[Effect, ...] = ()
     known: tuple[Effect, ...] = ()
-    setups = _starting_setups(runs, progress)
+    setups, curves = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
-        begun = selection.fitted_again(selection.initial_state(known), before)
+        begun = selection.fitted_again(selection.initial_state(known, curves), before)
+        curves = begun.curves
         before = begun.faults_among(begun.refined.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
@@ -131,14 +133,14 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
     else is named, and nothing is a rival."""
     known: tuple[Effect, ...] = ()
-    setups = _starting_setups(runs, progress)
+    setups, curves = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = selection.settled(*beginnings(selection.initial_state(effects)))
-        effects = state.refined.effects
+        state = selection.settled(*beginnings(selection.initial_state(effects, curves)))
+        effects, curves = state.refined.effects, state.curves
         if selection.holds_for(state):
             break
         known = state.refined.effects
@@ -148,25 +150,29 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
 
-def _starting_setups(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> dict[str, SetUp]:
-    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect.
+def _starting_setups(
+    runs: Sequence[ObservedRun], progress: Callable[[str], None]
+) -> tuple[dict[str, SetUp], JointCurves | None]:
+    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect,
+    with the curves of its joints.
 
     A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
     setups = fit_run_setups(_first_of_each(runs))[0]
-    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
+    poses, curves = [run for run in runs if isinstance(run.one.table, PoseTable)], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         own = {run.one.setup: setups[run.one.setup] for run in poses}
         linear = linearise(blocks_of(poses, own), own)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
-        moved = _with_background(poses, (), selection.posterior(selection.initial_state()))
+        begun = selection.initial_state(curves=curves)
+        curves, moved = begun.curves, _with_background(poses, (), selection.posterior(begun))
         step_mm = max(_distance_mm(own[name], moved[name]) for name in own)
         setups |= moved
         if step_mm < _PLACED_MM:
             break
-    return setups
+    return setups, curves
 
 
 def _with_background(runs: Sequence[ObservedRun], names: Sequence[Effect], posterior: Posterior) -> dict[str, SetUp]:
