@@ -13,10 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from analysis.diagnosis.background import Posterior
-from analysis.diagnosis.background_effects import background_effects
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import columns_for
@@ -24,7 +21,7 @@ from analysis.diagnosis.joint_curves import JointCurves
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.run_setups import fit_run_setups, with_effects
+from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.settling import beginnings
@@ -34,10 +31,9 @@ from analysis.model.predict import SetUp
 from analysis.traces.tables import PoseTable
 from rigs.effects import Effect
 
-_PLACINGS, _PLACED_MM = 8, 2.0
-"""Largest number of fits of instrument and target to poses before a search, and the move of the target after which no
-further one is made. Chosen: on a UR10 of which the last axis points in two directions, eight fits move a target by 70
-mm, the last one by 3 mm, and change the rms of poses left out by 0.2 %."""
+_PLACINGS = 8
+"""Largest number of fits of instrument and target to poses before a search, each about the place of the one before.
+Chosen: two or three mostly suffice."""
 _GIVEN_TURNS = 4
 """Largest number of fits of given effects, each about the set-ups of the one before. Chosen: they move less each time.
 """
@@ -124,8 +120,7 @@ def search(
             if is_last or selection.holds_for(state):
                 break
         known = state.refined.effects
-        placed = _with_background(runs, known, selection.posterior(state))
-        setups = linear.setups_moved_by(linear.moves_with(known)) | placed
+        setups = linear.setups_moved_by(selection.moves(state))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
 
@@ -144,8 +139,7 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         if selection.holds_for(state):
             break
         known = state.refined.effects
-        placed = _with_background(runs, known, selection.posterior(state))
-        setups = linear.setups_moved_by(linear.moves_with(known)) | placed
+        setups = linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
@@ -167,23 +161,11 @@ def _starting_setups(
         linear = linearise(blocks_of(poses, own), own)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         begun = selection.initial_state(curves=curves)
-        curves, moved = begun.curves, _with_background(poses, (), selection.posterior(begun))
-        step_mm = max(_distance_mm(own[name], moved[name]) for name in own)
-        setups |= moved
-        if step_mm < _PLACED_MM:
+        curves, moves = begun.curves, selection.moves(begun)
+        setups |= linear.setups_moved_by(moves)
+        if linear.is_straight(moves):
             break
     return setups, curves
-
-
-def _with_background(runs: Sequence[ObservedRun], names: Sequence[Effect], posterior: Posterior) -> dict[str, SetUp]:
-    """Return the set-ups of the poses among runs of (m, k) mm, fitted beside names and the mean of the background."""
-    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
-    return fit_run_setups(with_effects(poses, [*names, *background_effects(posterior)]))[0] if poses else {}
-
-
-def _distance_mm(one: SetUp, other: SetUp) -> float:
-    """Return by how far the target of two set-ups is moved on the tool."""
-    return float(np.linalg.norm(one.T_tool_target[:3, 3] - other.T_tool_target[:3, 3]))
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -44,9 +44,6 @@ from rigs.schema.effect import name_of, size_of
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
 and the 9 to 14 of an arm that was never calibrated."""
-_NEAR_MM = 0.3
-"""Length by which effects may move set-ups from the place about which readings are linear. Over 0.3 mm a circle of 70
-mm radius bends by less than 0.7 µm."""
 _OFF = 0.1
 """Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
 to 1 % of a large one, so that they then miss 0.1 %."""
@@ -173,7 +170,7 @@ class Selection:
         """Return whether the columns hold for a state: its effects hardly move the set-ups, and the faults among the
         effects beside which the columns were computed do nearly what those of the state do."""
         linear = self.linear
-        if linear.bending(linear.moves_with(state.refined.effects)) >= _NEAR_MM:
+        if not linear.is_straight(self.moves(state)):
             return False
         before, now = state.faults_among(linear.known), state.faults_among(state.refined.effects)
         if not (before or now):
@@ -181,6 +178,17 @@ class Selection:
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
         off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
+
+    def moves(self, state: SelectionState) -> Array:
+        """Return the terms of the set-ups (s,) mm that fit the readings best with the effects of a state; those of
+        poses with everything else that is known too.
+
+        A target moves along with what the arm's constants do to the last link, so it is placed beside all of them.
+        """
+        moves, poses = self.linear.moves_with(state.refined.effects), sorted(self.linear.terms_of_poses)
+        if poses:
+            moves[poses] = self.posterior(state).mean[self.columns.set_ups][poses]
+        return moves
 
     @cached_property
     def _shows_curves(self) -> bool:
