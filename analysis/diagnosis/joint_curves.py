@@ -69,7 +69,7 @@ class CurveColumns:
 
     def fitted(self, start: JointCurves, log_likelihood: Callable[[JointCurves], tuple[float, Array]]) -> JointCurves:
         """Return the likeliest curves, searched from `start`, given the log likelihood of the readings for curves and
-        its derivatives by the logarithms of the prior variances (c,)."""
+        its derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared."""
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
 
         expected = np.array([np.log(_WIDTH)] * 6 + [_DECAY])
