@@ -101,7 +101,8 @@ class CalibratedModel(Part):
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
     float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs; outside it the terms
     are what they were expected to be. `held_out_um` is the rms in µm that the model left at places that had no part in
-    it, None where none were left out.
+    it, None where none were left out. `widened` is the factor in L by which such places were missed by more than the
+    readings that were used explain.
     """
 
     format: Literal[1] = 1
@@ -114,6 +115,7 @@ class CalibratedModel(Part):
     before_um: float
     calibrated_um: float
     held_out_um: float | None = None
+    widened: Annotated[float, Field(ge=1)] = 1.0
     terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
     parameters: tuple[Parameter, ...] = Field(max_length=_MOST_TERMS)
     factor: str

@@ -32,7 +32,7 @@ class Backgrounds:
     def of(self, state: SelectionState) -> Background:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
-        variance, mean = columns.variance(state.level), columns.mean(state.level)
+        variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
         for effect in state.refined.effects:
             share = self._shares_beside(effect)
             variance, mean = share * variance, share * mean

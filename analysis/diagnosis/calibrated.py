@@ -61,10 +61,11 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     stages: Stages,
     train: Gap,
     elsewhere: Gap | None,
+    widened: float = 1.0,
 ) -> CalibratedModel:
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
-    that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, and what is
-    left of them and `elsewhere`."""
+    that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
+    left of them and `elsewhere`, and its uncertainty `widened` by a factor."""
     effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
     terms = [Term.model_construct(effect=one, times=1.0, named=one in standing) for one in effects]
     more = background_terms(result.calibrated_posterior)
@@ -72,7 +73,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         more = [term.model_copy(update={"times": 0.0}) for term in more]
     parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
-    root = _root(covariance_of(result.calibrated_posterior, unknowns))
+    root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
     angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
     found = CalibratedModel.model_construct(
         format=1,
@@ -85,6 +86,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
+        widened=widened,
         terms=(*terms, *more),
         parameters=tuple(parameters),
         factor=packed_factor(root),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.departures import initial_play_columns
+from analysis.diagnosis.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.response import Response
 from analysis.kinematics.arm import Array
@@ -109,6 +110,11 @@ class Columns:
         return np.array(own + [-1] * (self.X.shape[1] - len(own)), dtype=np.int64)
 
     @cached_property
+    def curves(self) -> CurveColumns:
+        """Those of the columns that are waves of joints over their angles."""
+        return curve_columns([effect for form in self.forms for effect in form.effects])
+
+    @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
         """The entries (n,) of each band."""
         return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
@@ -165,10 +171,12 @@ class Columns:
         equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
         return equal, [band for band, own in enumerate(each) if np.ptp(own) > 0]
 
-    def variance(self, level: float) -> Array:
+    def variance(self, level: float, curves: JointCurves | None = None) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
-        effect."""
+        effect; waves of joints have that of their curves, if these are given."""
         variance: Array = level**2 * self.healthy + self.fixed
+        if curves is not None:
+            variance[self.curves.columns] = self.curves.variance(curves)
         return variance
 
     def mean(self, level: float) -> Array:

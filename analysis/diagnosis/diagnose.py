@@ -28,7 +28,7 @@ from analysis.diagnosis.run_setups import with_effects
 from analysis.diagnosis.search import SearchResult, fit_given, search
 from analysis.diagnosis.separating_tests import possible_tests, separating
 from analysis.diagnosis.standing import standing_of
-from analysis.diagnosis.validation import gap, gap_alone_um, held_out_gains, stages_of
+from analysis.diagnosis.validation import gap, gap_alone_um, held_out_gains, stages_of, widening
 from analysis.diagnosis.verdict import (
     Gaps,
     accuracy_of,
@@ -99,7 +99,8 @@ def diagnose(
     found = _diagnosis_of(rig, result, gaps, named, changes, judged, early=bool(early))
     found = replace(found, given=given is not None)
     written = [one.effect for one in found.written]
-    found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written))
+    wider = widening(judges, stages, result)
+    found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":

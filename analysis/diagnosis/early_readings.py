@@ -84,7 +84,7 @@ def _by_angle(linear: Linearisation) -> list[Array]:
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
     """Return the residual (N,) plus those contributions of names and of the healthy share that have the shape of the
-    arrival errors A (N, 6)."""
+    arrival errors A (N, 6), and the curves of joints."""
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)
@@ -94,6 +94,8 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     energy = (own**2).sum(axis=0)
     alike = ((basis.T @ own) ** 2).sum(axis=0) > _ALIKE * np.maximum(energy, 1e-12)
     alike &= energy > _OWN * (taken**2).sum(axis=0)
+    # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
+    alike[columns.curves.columns] = True
     whole: Array = posterior.residual + taken[:, alike].sum(axis=1)
     return whole
 

@@ -72,7 +72,10 @@ class Hyperparameters:
         weight. What is only expected, and not shown, does not count.
         """
         columns, background = self.columns, posterior.background
-        cols = np.flatnonzero((columns.healthy > 0) & (background.variance > 0))
+        leveled = (columns.healthy > 0) & (background.variance > 0)
+        if state.curves is not None:
+            leveled[columns.curves.columns] = False  # curves have widths of their own
+        cols = np.flatnonzero(leveled)
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
         # Of the coefficients, the prior means alone make this much; readings show the rest.

@@ -30,6 +30,12 @@ _STEPS, _NEAR_MM = 6, 0.05
 """Largest number of steps in which set-ups are fitted, and the length of a step after which no further one is taken:
 over 0.05 mm a circle of 70 mm radius bends by less than 0.02 µm. An arm whose length is 8 mm wrong moves the ball by as
 much, and the first step ends 0.5 mm beside the place."""
+_NEAR_BALL_MM = 0.3
+"""Length by which a ball may move from the place about which readings are linear. Over 0.3 mm a circle of 70 mm radius
+bends by less than 0.7 µm."""
+_BENT = 0.3
+"""Root mean square, in standard deviations of the noise, by which readings may bend over a move of instrument and
+target. Chosen: it adds a tenth to the variance of the noise."""
 _FAR_MM = 1.0
 """Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
 
@@ -114,11 +120,23 @@ class Linearisation:
         poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PoseTable)]
         return {term for name in poses for term in self.terms[name]}
 
-    def bending(self, moves: Array) -> float:
-        """Return the largest of the moves of set-ups (s,) mm over which readings bend, of a ball, an instrument or a
-        target; in the zeros of gauges they are linear."""
-        balls = [term for terms in self.terms.values() for term in terms[:3]]
-        return float(np.abs(moves[[*balls, *self.terms_of_poses]]).max())
+    def is_straight(self, moves: Array) -> bool:
+        """Return whether readings hardly bend over moves of set-ups (s,) mm.
+
+        A ball is judged by its way; in the zeros of gauges readings are linear. An instrument and its target are
+        judged by the readings: where the last axis points in few directions both move far, and the readings hardly.
+        """
+        poses = self.terms_of_poses
+        balls = [term for terms in self.terms.values() for term in terms[:3] if term not in poses]
+        if balls and float(np.abs(moves[balls]).max()) >= _NEAR_BALL_MM:
+            return False
+        if not poses:
+            return True
+        own = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
+        scenes = self._scenes(())
+        there, here = (self._left((), scenes, self.setups_moved_by(one)) for one in (own, np.zeros_like(own)))
+        entries = sum(len(one.y_mm) for one in self.blocks if isinstance(one.one.table, PoseTable))
+        return bool(np.linalg.norm(there - here + self.U @ own) <= _BENT * np.sqrt(entries))
 
     @cached_property
     def _basis(self) -> Array:

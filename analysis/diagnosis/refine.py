@@ -296,17 +296,8 @@ class _Problem:
     def _slopes_of(self, effect: Any, unknowns: Sequence[Unknown]) -> Response:
         """Return the derivatives (N, q) of an effect, or of the latest one near it, by its unknowns."""
 
-        def compute() -> Array:
-            steps = np.array([_step(effect, unknown) for unknown in unknowns])
-            changed = [
-                effect.model_copy(update={u.field: float(getattr(effect, u.field)) + step})
-                for u, step in zip(unknowns, steps, strict=True)
-            ]
-            columns = self.linear.columns([effect, *changed])
-            slopes: Array = (columns[:, 1:] - columns[:, :1]) / steps
-            return slopes
-
-        return self.linear.near.of("slopes", effect, _steps_nearby(effect, unknowns), compute)
+        steps = _steps_nearby(effect, unknowns)
+        return self.linear.near.of("slopes", effect, steps, lambda: slopes_of(self.linear, effect, unknowns))
 
     def _turned(self, x: Array) -> Array:
         """Return values (q,) with phases from -180 to 180 degrees."""
@@ -334,6 +325,18 @@ class _Problem:
         for unknown, value in zip(self.unknowns, x, strict=True):
             made[unknown.effect] = made[unknown.effect].model_copy(update={unknown.field: float(value)})
         return made
+
+
+def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
+    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect."""
+    steps = np.array([_step(effect, unknown) for unknown in unknowns])
+    changed = [
+        effect.model_copy(update={u.field: float(getattr(effect, u.field)) + step})
+        for u, step in zip(unknowns, steps, strict=True)
+    ]
+    columns = linear.columns([effect, *changed])
+    slopes: Array = (columns[:, 1:] - columns[:, :1]) / steps
+    return slopes
 
 
 def size_limits(effect: Effect) -> tuple[float, float]:

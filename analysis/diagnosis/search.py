@@ -13,17 +13,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from analysis.diagnosis.background import Posterior
-from analysis.diagnosis.background_effects import background_effects
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.joint_curves import JointCurves
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.run_setups import fit_run_setups, with_effects
+from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.settling import beginnings
@@ -33,10 +31,9 @@ from analysis.model.predict import SetUp
 from analysis.traces.tables import PoseTable
 from rigs.effects import Effect
 
-_PLACINGS, _PLACED_MM = 8, 2.0
-"""Largest number of fits of instrument and target to poses before a search, and the move of the target after which no
-further one is made. Chosen: on a UR10 of which the last axis points in two directions, eight fits move a target by 70
-mm, the last one by 3 mm, and change the rms of poses left out by 0.2 %."""
+_PLACINGS = 8
+"""Largest number of fits of instrument and target to poses before a search, each about the place of the one before.
+Chosen: two or three mostly suffice."""
 _GIVEN_TURNS = 4
 """Largest number of fits of given effects, each about the set-ups of the one before. Chosen: they move less each time.
 """
@@ -106,13 +103,14 @@ def search(
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     before: tuple[Effect, ...] = ()
     known: tuple[Effect, ...] = ()
-    setups = _starting_setups(runs, progress)
+    setups, curves = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
-        begun = selection.fitted_again(selection.initial_state(known), before)
+        begun = selection.fitted_again(selection.initial_state(known, curves), before)
+        curves = begun.curves
         before = begun.faults_among(begun.refined.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
@@ -122,8 +120,7 @@ def search(
             if is_last or selection.holds_for(state):
                 break
         known = state.refined.effects
-        placed = _with_background(runs, known, selection.posterior(state))
-        setups = linear.setups_moved_by(linear.moves_with(known)) | placed
+        setups = linear.setups_moved_by(selection.moves(state))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
 
@@ -131,53 +128,44 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
     else is named, and nothing is a rival."""
     known: tuple[Effect, ...] = ()
-    setups = _starting_setups(runs, progress)
+    setups, curves = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = selection.settled(*beginnings(selection.initial_state(effects)))
-        effects = state.refined.effects
+        state = selection.settled(*beginnings(selection.initial_state(effects, curves)))
+        effects, curves = state.refined.effects, state.curves
         if selection.holds_for(state):
             break
         known = state.refined.effects
-        placed = _with_background(runs, known, selection.posterior(state))
-        setups = linear.setups_moved_by(linear.moves_with(known)) | placed
+        setups = linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
 
-def _starting_setups(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> dict[str, SetUp]:
-    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect.
+def _starting_setups(
+    runs: Sequence[ObservedRun], progress: Callable[[str], None]
+) -> tuple[dict[str, SetUp], JointCurves | None]:
+    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect,
+    with the curves of its joints.
 
     A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
     setups = fit_run_setups(_first_of_each(runs))[0]
-    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
+    poses, curves = [run for run in runs if isinstance(run.one.table, PoseTable)], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         own = {run.one.setup: setups[run.one.setup] for run in poses}
         linear = linearise(blocks_of(poses, own), own)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
-        moved = _with_background(poses, (), selection.posterior(selection.initial_state()))
-        step_mm = max(_distance_mm(own[name], moved[name]) for name in own)
-        setups |= moved
-        if step_mm < _PLACED_MM:
+        begun = selection.initial_state(curves=curves)
+        curves, moves = begun.curves, selection.moves(begun)
+        setups |= linear.setups_moved_by(moves)
+        if linear.is_straight(moves):
             break
-    return setups
-
-
-def _with_background(runs: Sequence[ObservedRun], names: Sequence[Effect], posterior: Posterior) -> dict[str, SetUp]:
-    """Return the set-ups of the poses among runs of (m, k) mm, fitted beside names and the mean of the background."""
-    poses = [run for run in runs if isinstance(run.one.table, PoseTable)]
-    return fit_run_setups(with_effects(poses, [*names, *background_effects(posterior)]))[0] if poses else {}
-
-
-def _distance_mm(one: SetUp, other: SetUp) -> float:
-    """Return by how far the target of two set-ups is moved on the tool."""
-    return float(np.linalg.norm(one.T_tool_target[:3, 3] - other.T_tool_target[:3, 3]))
+    return setups, curves
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -21,6 +21,7 @@ from analysis.diagnosis.background_cache import Backgrounds
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes, order_of
 from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
+from analysis.diagnosis.joint_curves import JointCurves, is_of_curve
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
 from analysis.diagnosis.response import Response
@@ -38,14 +39,11 @@ from analysis.diagnosis.settling import beginnings, settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import is_wave, name_of, size_of
+from rigs.schema.effect import name_of, size_of
 
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
 and the 9 to 14 of an arm that was never calibrated."""
-_NEAR_MM = 0.3
-"""Length by which effects may move set-ups from the place about which readings are linear. Over 0.3 mm a circle of 70
-mm radius bends by less than 0.7 µm."""
 _OFF = 0.1
 """Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
 to 1 % of a large one, so that they then miss 0.1 %."""
@@ -107,14 +105,29 @@ class Selection:
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
         return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
-    def initial_state(self, effects: Sequence[Effect] = ()) -> SelectionState:
-        """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise."""
+    def initial_state(self, effects: Sequence[Effect] = (), curves: JointCurves | None = None) -> SelectionState:
+        """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise; the
+        curves of joints that poses show are searched from `curves`."""
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         bare = SelectionState(
             replace(no_effects(self.linear), effects=tuple(effects)), (-1,) * len(effects), 1.0, strength, robust
         )
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
-        return self._renewed(self._renewed(state))
+        state = self._renewed(self._renewed(state))
+        return self._renewed(self._with_curves(state, curves or JointCurves())) if self._shows_curves else state
+
+    def _with_curves(self, state: SelectionState, start: JointCurves) -> SelectionState:
+        """Return the state with the likeliest sizes of the curves of joints, searched from `start`."""
+        own, known = self.columns.curves.columns, state.refined.known
+
+        def likelihood(curves: JointCurves) -> tuple[float, Array]:
+            background = self.background(replace(state, curves=curves))
+            posterior, prior = background.posterior(known), background.variance[own]
+            shown = (posterior.mean - background.mean)[own] ** 2 + posterior.variance[own]
+            ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
+            return background.evidence(known), 0.5 * (ratio - 1)
+
+        return replace(state, curves=self.columns.curves.fitted(start, likelihood))
 
     def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:
         """Return the state with each fault fitted again from the best form of its name, where that explains more,
@@ -157,7 +170,7 @@ class Selection:
         """Return whether the columns hold for a state: its effects hardly move the set-ups, and the faults among the
         effects beside which the columns were computed do nearly what those of the state do."""
         linear = self.linear
-        if linear.bending(linear.moves_with(state.refined.effects)) >= _NEAR_MM:
+        if not linear.is_straight(self.moves(state)):
             return False
         before, now = state.faults_among(linear.known), state.faults_among(state.refined.effects)
         if not (before or now):
@@ -166,18 +179,33 @@ class Selection:
         off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
 
-    def _is_of_curve(self, effect: Effect) -> bool:
-        """Return whether an effect is a wave of a joint that only poses show: part of the joint's curve unless it is a
-        fault.
+    def moves(self, state: SelectionState) -> Array:
+        """Return the terms of the set-ups (s,) mm that fit the readings best with the effects of a state; those of
+        poses with everything else that is known too.
+
+        A target moves along with what the arm's constants do to the last link, so it is placed beside all of them.
+        """
+        moves, poses = self.linear.moves_with(state.refined.effects), sorted(self.linear.terms_of_poses)
+        if poses:
+            moves[poses] = self.posterior(state).mean[self.columns.set_ups][poses]
+        return moves
+
+    @cached_property
+    def _shows_curves(self) -> bool:
+        """Whether the readings show curves of joints and no single waves of a healthy one.
 
         Poses see long pieces of the curve of a joint's error over its angle, and no wave of a healthy joint stands out
         of it. Of a UR10, 22 waves that were picked one by one took nine tenths of the time and left what none left.
         """
-        return is_wave(effect) and effect.STAGE == "joint" and not any(one.sampling for one in self.linear.blocks)
+        return not any(one.sampling for one in self.linear.blocks)
+
+    def _is_of_curve(self, effect: Effect) -> bool:
+        """Return whether an effect is a wave of a joint's curve, unless it is a fault."""
+        return self._shows_curves and is_of_curve(effect)
 
     def _waves_driven(self, effect: Effect) -> float:
         """Return how many of its waves an effect's joint was driven over; infinite for what is no wave of a joint."""
-        if not is_wave(effect) or effect.STAGE != "joint":
+        if not is_of_curve(effect):
             return np.inf
         return order_of(effect) * float(self._turned[getattr(effect, "axis", 1) - 1])
 
@@ -295,20 +323,24 @@ class Selection:
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
         seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
         among = self.columns.among[name_of(effect)] or 1
-        share = cavity_evidence(values, seen, state.level**2 * self._likelihood(effect))
+        share = cavity_evidence(values, seen, self._share(state, effect))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
         healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
         if self._is_of_curve(effect):
             return float(fault) - float(np.log(among))
         return float(max(fault, healthy_one)) - float(np.log(among))
 
-    def _likelihood(self, effect: Effect) -> float:
-        """Return how likely the form nearest to an effect is among those of its name in a healthy arm."""
+    def _share(self, state: SelectionState, effect: Effect) -> float:
+        """Return the variance, in healthy sizes squared, that an arm of this state has in the form nearest to an
+        effect."""
         own = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
         if not own:
-            return 1.0
+            return state.level**2
         apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in own])
-        return float(self.columns.likelihoods[own[int(np.argmin(apart))]])
+        nearest = own[int(np.argmin(apart))]
+        if state.curves is not None and self._is_of_curve(effect):
+            return float(self.columns.variance(1.0, state.curves)[list(self.columns.forms[nearest].columns)].sum())
+        return float(state.level**2 * self.columns.likelihoods[nearest])
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from analysis.diagnosis.columns import Form, order_of
 from analysis.diagnosis.free_forms import FittedFreeForm
+from analysis.diagnosis.joint_curves import JointCurves
 from analysis.diagnosis.refine import Refined
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size, size_field
@@ -39,7 +40,7 @@ class SelectionState:
     is that of the background and `most` its upper limit. `strength` (b,) is the variance of the residual in each band
     over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that did not
     cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a name
-    replaced.
+    replaced. `curves` is how large the curves of joints are, where poses alone show them, and None elsewhere.
     """
 
     refined: Refined
@@ -49,6 +50,7 @@ class SelectionState:
     robust: Array
     refused: frozenset[int] = frozenset()
     most: float = 1.0
+    curves: JointCurves | None = None
     free_forms: tuple[FittedFreeForm, ...] = ()
     replaced_forms: frozenset[str] = frozenset()
 

@@ -12,13 +12,14 @@ from analysis.diagnosis.blocks import Block, blocks_of, entries, targets_key
 from analysis.diagnosis.diagnosis import Gap, TestGap
 from analysis.diagnosis.linearisation import Linearisation, basis_of, linearise
 from analysis.diagnosis.observed_run import ObservedRun
+from analysis.diagnosis.refine import slopes_of
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.worth import limits_um, noise_um, rms_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.traces.tables import test_of
+from analysis.traces.tables import PoseTable, test_of
 from rigs.effects import Effect
 from rigs.schema.vocabulary import TestName
 
@@ -87,6 +88,42 @@ def _largest(left: Array) -> float:
     """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
     size = np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left)
     return float(size.max())
+
+
+def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> float:
+    """Return by which factor the calibrated model misses poses left out by more than it states, at least 1: a Birge
+    ratio. 1 where no such poses keep the set-up of runs used.
+
+    A model that is smooth where an arm is not, or the same in postures where it is not, misses places between those
+    that were measured by more than its covariance allows for. Residuals are (m, k) mm.
+    """
+    missed = stated = 0.0
+    for run, residual in zip(runs, stages.left(runs)[-1], strict=True):
+        if not isinstance(run.one.table, PoseTable) or run.one.setup not in stages.calibrated:
+            continue
+        noise, variance = _stated_variances(run, stages.calibrated, result)
+        missed += float((entries(residual, None) ** 2 - noise).sum())
+        stated += float(variance.sum())
+    return float(np.sqrt(max(missed / stated, 1.0))) if stated > 0 else 1.0
+
+
+def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
+    """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
+    entries in the set-up of the runs used."""
+    refined, posterior = result.state.refined, result.calibrated_posterior
+    alone = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
+    columns = posterior.background.columns
+    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
+    share = alone.columns([effect for form in columns.forms for effect in form.effects]) / sizes
+    placed = np.zeros((len(alone.y), columns.set_ups.stop - columns.set_ups.start))
+    placed[:, result.linear.terms[run.one.setup]] = alone.U[:, alone.terms[run.one.setup]]
+    of_effect = [[one for one in refined.unknowns if one.effect == k] for k in range(len(refined.effects))]
+    known = [slopes_of(alone, *both) for both in zip(refined.effects, of_effect, strict=True)]
+    change = np.concatenate([*known, share, placed], axis=1)
+    covariance = posterior.joint_covariance(columns.set_ups.stop, len(refined.unknowns))
+    variance = np.einsum("np,np->n", change @ covariance, change)
+    noise: Array = alone.blocks[0].sd_mm ** 2
+    return noise, np.maximum(variance, 0.0) * noise
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:

@@ -26,6 +26,8 @@ def in_calibration(found: CalibratedModel) -> list[str]:
     left = f"it leaves {found.calibrated_um:.0f} of {found.before_um:.0f} µm rms of its runs"
     if found.held_out_um is not None:
         left += f" and {found.held_out_um:.0f} µm where it had no part"
+    if found.widened > 1:
+        left += f"; its uncertainty is {found.widened:.2g} times what the readings used state, as these poses showed"
     joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.joints_deg, 1))
     return [
         f"calibrated on {found.date} from {runs}: {len(found.terms)} terms; {left}",

@@ -1,0 +1,107 @@
+"""Joint curves: the error of each joint as a function of its angle, which poses show in long pieces.
+
+A curve is a sum of waves, order by order. In an arm the amplitudes of joint j have the standard deviation
+
+    width_j · k^−decay        for each whole order k,
+
+so that a curve is smooth, and as large as its joint shows. Widths and decay are those that make the readings likeliest
+(type-II maximum likelihood: MacKay, Neural Computation 4, 1992), with
+
+    d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
+
+for a coefficient with prior variance v_i and posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
+joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Array
+from rigs.effects import Effect
+from rigs.schema.effect import is_wave
+
+_WIDTH, _WIDTH_SPREAD = 0.5, 2.0
+"""Expected width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
+tenth to four times a healthy gear is as likely as not; readings decide all but the widths of joints that hardly turned.
+"""
+_DECAY, _DECAY_SPREAD = 1.0, 0.5
+"""Expected decay and its standard deviation: that of a path that bends at every scale alike is 1."""
+_WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
+"""Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
+healthy sizes is 0.1°."""
+_ENOUGH, _MOST_FITS = 0.5, 40
+"""Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
+
+
+def is_of_curve(effect: Effect) -> bool:
+    """Return whether an effect is a wave of a joint over its angle."""
+    return is_wave(effect) and effect.STAGE == "joint"
+
+
+@dataclass(frozen=True)
+class JointCurves:
+    """How large the curves of six joints are: their widths in healthy sizes of a gear error, and how fast the
+    amplitudes decay with the order."""
+
+    widths: tuple[float, ...] = (1.0,) * 6
+    decay: float = _DECAY
+
+
+@dataclass(frozen=True, eq=False)
+class CurveColumns:
+    """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), and how many
+    whole orders each stands for (c,)."""
+
+    columns: NDArray[np.int64]
+    joint: NDArray[np.int64]
+    order: Array
+    among: Array
+
+    def variance(self, curves: JointCurves) -> Array:
+        """Return the prior variances (c,), in healthy sizes squared."""
+        found: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
+        return found
+
+    def fitted(self, start: JointCurves, log_likelihood: Callable[[JointCurves], tuple[float, Array]]) -> JointCurves:
+        """Return the likeliest curves, searched from `start`, given the log likelihood of the readings for curves and
+        its derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared."""
+        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
+
+        expected = np.array([np.log(_WIDTH)] * 6 + [_DECAY])
+        spread = np.array([_WIDTH_SPREAD] * 6 + [_DECAY_SPREAD])
+
+        def cost(x: Array) -> tuple[float, Array]:
+            likely, by_variance = log_likelihood(_curves(x))
+            slope = np.append(np.bincount(self.joint, 2 * by_variance, 6), -2 * np.log(self.order) @ by_variance)
+            away = (x - expected) / spread
+            return 0.5 * float(away @ away) - likely, away / spread - slope
+
+        begin = np.append(np.log(start.widths), start.decay)
+        bounds = [tuple(np.log(_WIDTHS))] * 6 + [_DECAYS]
+        enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
+        found = minimize(
+            cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
+        )
+        return _curves(found.x)
+
+
+def curve_columns(effects: Sequence[Effect]) -> CurveColumns:
+    """Return the columns of joint curves among those of some effects, one each."""
+    own = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
+    joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in own.tolist()], dtype=np.int64)
+    order = np.array([float(getattr(effects[k], "order", 1.0)) for k in own.tolist()])
+    among = np.ones(len(own))
+    for j in np.unique(joint).tolist():
+        orders = np.unique(order[joint == j])
+        if len(orders) > 1:
+            among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
+    return CurveColumns(own, joint, order, among)
+
+
+def _curves(x: Array) -> JointCurves:
+    return JointCurves(tuple(np.exp(x[:6]).tolist()), float(x[6]))
