@@ -26,16 +26,16 @@ def check(
         typer.Argument(
             metavar="RIG|RUN…",
             autocompletion=completion.rig_files,
-            help="Rig file, or the name of a shipped rig; or run directories of one robot, held against the conventions.",
+            help="Rig file, or the name of a shipped rig; or run directories of one robot, held to conventions.",
         ),
     ],
     as_json: AsJson = False,
 ) -> None:
     """Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of runs, check
     whether units, joints, gauges, times and places are meant as labelled."""
-    runs = [Path(one) for one in given if _is_run(Path(one))]
+    runs = [Path(one) for one in given if Path(one).is_dir()]
     if runs and len(runs) < len(given):
-        other = next(one for one in given if not _is_run(Path(one)))
+        other = next(one for one in given if not Path(one).is_dir())
         raise UseError(other, "is no directory with runs", "check a rig file by itself, or runs")
     if runs:
         _check_runs(runs, as_json=as_json)
@@ -43,10 +43,6 @@ def check(
     if len(given) > 1 or as_json:
         raise UseError(given[0], "is no directory with runs", "check one rig file at a time, without --json")
     _check_rig(given[0])
-
-
-def _is_run(path: Path) -> bool:
-    return path.is_dir()
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:

@@ -83,8 +83,8 @@ def stop(rig: RigName = None) -> None:
 
 
 def _why_unusable(run: Path) -> str:
-    """Why `rig analyse` would refuse a run, or doubt that it is one, while the robot can still drive it again; empty where
-    it would not."""
+    """Why `rig analyse` would refuse a run, or a convention shows that it is none, while the robot can still drive it
+    again; empty where it is good."""
     from analysis.conventions.check import why_no_measurement  # noqa: PLC0415
     from analysis.measures.results import result_of  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415

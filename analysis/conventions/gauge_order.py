@@ -109,6 +109,11 @@ def _exchanged(labelled: _Eccentricities) -> Finding:
     return Finding(ORDER, "likely", ("g1_mm", "g2_mm"), EXCHANGED, what, remedy)
 
 
+def negated(number: int) -> str:
+    """What may be meant where one gauge, 1 or 2, is negated."""
+    return f"g{number} may count the other way"
+
+
 def _negated(number: int) -> Finding:
     name, other = f"g{number}", f"g{3 - number}"
     what = (
@@ -116,4 +121,4 @@ def _negated(number: int) -> Finding:
         "the ball in one place"
     )
     remedy = f"press {name} and see whether it counts as {other} does; give counts in the rig file, or change its sign"
-    return Finding(SIGN, "likely", (f"{name}_mm",), f"{name} may count the other way", what, remedy)
+    return Finding(SIGN, "likely", (f"{name}_mm",), negated(number), what, remedy)

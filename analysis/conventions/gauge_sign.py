@@ -1,9 +1,9 @@
 """Gauges that count the other way: with both negated every size and every sign is the opposite, and most runs look as
 good as ever.
 
-What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error that the rig
-file knows of already. Both are held against the readings as labelled and as they may have been meant. Where the arm
-has no play, and the rig file no effect, the data cannot tell.
+What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
+that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
+Where the arm has no play, and the rig file no effect, the data cannot tell.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
-from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, order_findings
+from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated, order_findings
 from analysis.conventions.repeats import GRID, gridded
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import frame_of
@@ -159,15 +159,16 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if gain < _DECISIVE or labelled < _FITS * left or as_labelled < _LEAST_MM:
         return
     alike = _by_the_ball([one for one, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * left], runs)
+    words = " or ".join(one.words for one in alike)
     what = (
-        "joints lead where they turn back, which no play does: circles acw and cw fit only with "
-        f"{' or '.join(one.words for one in alike)}, {1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
+        f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
+        f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
     )
     exchanged = alike[0].columns == (1, 0)
     names = tuple(run.run.manifest.name for run in runs)
     misfit = Misfit(as_labelled, as_meant, gain)
-    meant, remedy = alike[0].words, _EXCHANGE if exchanged else _REMEDY
-    yield Finding(ORDER if exchanged else SIGN, "decisive", _COLUMNS, meant, what, remedy, misfit, names)
+    remedy = _EXCHANGE if exchanged else _REMEDY
+    yield Finding(ORDER if exchanged else SIGN, "decisive", _COLUMNS, words, what, remedy, misfit, names)
 
 
 @dataclass(frozen=True)
@@ -191,16 +192,12 @@ _MEANT = (
 
 def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
     """Of meanings that plays do not tell apart those with which the mean of the gauges and their difference show the
-    ball in one place."""
+    ball in one place; all where the ball shows nothing."""
     seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
     if EXCHANGED in seen:
-        likely = [one for one in alike if one.columns == (1, 0)]
-    else:
-        negated = tuple(-1.0 if f"{name} may count the other way" in seen else 1.0 for name in ("g1", "g2"))
-        one_only = negated != (1.0, 1.0)
-        likely = [one for one in alike if one.columns == (0, 1) and (one.signs == negated or not one_only)]
-        likely = [one for one in likely if one_only or one.signs[0] == one.signs[1]]
-    return likely or alike
+        return [one for one in alike if one.columns == (1, 0)] or alike
+    signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
+    return [one for one in alike if one.columns == (0, 1) and one.signs == signs] or alike
 
 
 def _as(way: _Way, meant: _Meant) -> _Way:

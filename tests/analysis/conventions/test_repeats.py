@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from analysis.conventions.repeats import repeat_findings
+from analysis.diagnosis.prepared_runs import prepare_runs
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
@@ -64,15 +65,15 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
 def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
-    with pytest.raises(FileError, match="lead where they turn back.* exchanged; press a probe"):
+    with pytest.raises(FileError, match=r"lead where they turn back.* exchanged, .*; press a probe"):
         found_in(_with_swaps(runs, range(len(runs))))
     assert not any("may be exchanged" in doubt for doubt in found_in(runs).doubts)
 
 
 def test_an_exchange_without_a_play_is_doubted() -> None:
     runs = circles(seed=44)
-    found = found_in(_with_swaps(runs, range(len(runs))))
-    assert found.doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
+    _, doubts = prepare_runs(RIG, _with_swaps(runs, range(len(runs))))
+    assert doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
 
 
 def _negated(run: Measured) -> Measured:
