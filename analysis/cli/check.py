@@ -79,7 +79,7 @@ def _lines(checked: Checked, runs: int) -> list[str]:
             for one in checked.findings
         ]
     if checked.cannot:
-        return [f"{name:14}cannot be told: {checked.cannot}"]
+        return [f"{name:14}not shown: {checked.cannot}"]
     return [f"{name:14}nothing against it ({checked.convention.asks})"]
 
 

@@ -27,7 +27,7 @@ Runs = Sequence[Measured]
 
 @dataclass(frozen=True)
 class Checked:
-    """A convention that runs were held against: what was found, and why they cannot tell, empty where they can."""
+    """A convention that runs were held against: what was found, and why they do not show it, empty where they can."""
 
     convention: Convention
     findings: tuple[Finding, ...]

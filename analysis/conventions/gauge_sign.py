@@ -3,7 +3,7 @@ good as ever.
 
 What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
 that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
-Where the arm has no play, and the rig file no effect, the data cannot tell.
+Where the arm has no play, and the rig file no effect, the data do not show it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ALIKE = 8.0
 _DECISIVE = 12.0
 """Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
 _FITS = 4.0
-"""… and the energy that plays leave is at least so many times less. Meanings within this factor are not told apart."""
+"""… and the energy that plays leave is at least so many times less. Meanings within this factor are alike."""
 _LEAST_MM = 0.003
 """What plays leave as labelled is at least this, rms: what gauges of 1 µm resolve."""
 _PLAY_RAD = float(np.radians(0.01))
@@ -191,7 +191,7 @@ _MEANT = (
 
 
 def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
-    """Of meanings that plays do not tell apart those with which the mean of the gauges and their difference show the
+    """Keep, of meanings that plays do not distinguish, those with which the mean of the gauges and their difference show the
     ball in one place; all where the ball shows nothing."""
     seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
     if EXCHANGED in seen:
@@ -207,7 +207,7 @@ def _as(way: _Way, meant: _Meant) -> _Way:
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways; those that hold no lap are told where they are
+    """The circles of each test and placement that were driven both ways; those that hold no lap are reported where they are
     analysed."""
     found: dict[tuple[object, ...], tuple[TestName, dict[str, list[_Way]]]] = {}
     for run in runs:

@@ -36,7 +36,7 @@ _CLEARLY = 4.0
 """Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
 unknown."""
 _AS_WELL = 1.5
-"""Meanings within this factor of the best are not told apart."""
+"""Meanings within this factor of the best are not distinguished."""
 _ARM_MM = 100.0
 """Distance at which a turn counts as a length."""
 _ROWS = 2000

@@ -65,7 +65,7 @@ def _off_circle(T: Array, circle: Circle) -> Off:
 
 
 def _off_targets(places: Array, table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Off:
-    """By the sphere: where a target lies on it, `analysis.conventions.place` holds against the numbers."""
+    """How far the tool was from its targets, or where their numbers are unknown from the sphere."""
     frame = hemisphere_frame(hemisphere)
     wanted = places_of(table, hemisphere)
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)

@@ -47,7 +47,7 @@ class Lap:
 
 
 def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
-    """The circle runs with two gauges, on the grid; those that hold no lap are told where they are analysed."""
+    """The circle runs with two gauges, on the grid; those that hold no lap are reported where they are analysed."""
     found = []
     for run in runs:
         with suppress(FileError):

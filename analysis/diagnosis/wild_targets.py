@@ -71,9 +71,9 @@ def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
 def _shared(one: Observation, far: int, most_mm: float) -> str:
     """Return what a person should know of readings that are far off and no accident."""
     return (
-        f"{far} of {len(one.rows)} readings of {one.setup} lie far from all others, up to {most_mm:.1f} mm, and are not "
-        "left out: so many, or all in one range of a joint, are no lost points; check the signs, order and zeros of the "
-        "joints, and whether instrument or base moved"
+        f"{far} of {len(one.rows)} readings of {one.setup} lie far from all others, up to {most_mm:.1f} mm, and are "
+        "not left out: so many, or all in one range of a joint, are no lost points; check the signs, order and zeros "
+        "of the joints, and whether instrument or base moved"
     )
 
 

@@ -112,7 +112,7 @@ def test_exchanged_gauges_are_doubted_and_the_figures_given(tmp_path: Path) -> N
     imported = {"rig_file": RIG_FILE, "test": "yaw", "direction": None, "operator": ""}
     assert import_table(tmp_path / "t.csv", tmp_path / "again", **imported) == [doubt]  # type: ignore[arg-type]
     again = measured_of(read_run(tmp_path / "again"))
-    assert again.doubts == (doubt,)
+    assert doubts_of(again) == (doubt,)
     assert "eccentricity_mm" in evaluate(again.table, again.rig, again.u_lag_s, "again").figures
 
 
