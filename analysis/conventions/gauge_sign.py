@@ -191,8 +191,8 @@ _MEANT = (
 
 
 def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
-    """Keep, of meanings that plays do not distinguish, those with which the mean of the gauges and their difference show the
-    ball in one place; all where the ball shows nothing."""
+    """Keep those meanings, of some that plays do not distinguish, with which the mean of the gauges and their difference
+    show the ball in one place; all where the ball shows nothing."""
     seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
     if EXCHANGED in seen:
         return [one for one in alike if one.columns == (1, 0)] or alike
@@ -207,8 +207,8 @@ def _as(way: _Way, meant: _Meant) -> _Way:
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways; those that hold no lap are reported where they are
-    analysed."""
+    """The circles of each test and placement that were driven both ways. Those that hold no lap are reported where they
+    are analysed."""
     found: dict[tuple[object, ...], tuple[TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         manifest, table = run.run.manifest, run.table
