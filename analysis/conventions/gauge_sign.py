@@ -191,8 +191,8 @@ _MEANT = (
 
 
 def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
-    """Keep those meanings, of some that plays do not distinguish, with which the mean of the gauges and their difference
-    show the ball in one place; all where the ball shows nothing."""
+    """Keep those meanings, of some that plays do not distinguish, with which mean and difference of the gauges show the
+    ball in one place; all where the ball shows nothing."""
     seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
     if EXCHANGED in seen:
         return [one for one in alike if one.columns == (1, 0)] or alike
