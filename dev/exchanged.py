@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import yaml
 
-from analysis.traces.gauge_order import doubts_of_order
+from analysis.conventions.gauge_order import order_findings
 from analysis.traces.tables import CircleTable
 from rigs.load import parse
 from rigs.rig import Rig
@@ -80,8 +80,8 @@ def main() -> None:
         right, wrong = (CircleTable("yaw", ("acw", "cw")[k], t_s, q, g, None) for g in (g_mm, g_mm[:, ::-1]))
         group = f"{kind}, {ball}"
         laps[group] += 1
-        false[group] += len(doubts_of_order(right, rig))
-        found[group] += len(doubts_of_order(wrong, rig))
+        false[group] += len(list(order_findings(right, rig)))
+        found[group] += len(list(order_findings(wrong, rig)))
     for group, count in sorted(laps.items()):
         print(f"{group:42} {count:5} laps, {false[group]:3} false warnings, {count - found[group]:4} exchanges missed")
 

@@ -22,9 +22,9 @@ from analysis.fitting.calibration import Calibration
 from analysis.fitting.observation import Observation, observe
 from analysis.fitting.split import split
 from analysis.geometry.ball_link import readings
+from analysis.geometry.pose_setup import fit_setup
 from analysis.geometry.programs import circle_of, hemisphere_of
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.measures.pose import fit_setup
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path as Driven
 from analysis.model.predict import model_of

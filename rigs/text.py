@@ -53,3 +53,11 @@ def plain_values(value: Any) -> Any:
         case list():
             return [plain_values(one) for one in value]
     return value
+
+
+def listed(numbers: list[int]) -> str:
+    """Return numbers as `3, 7 and 9`, no more than eight of them."""
+    shown = [str(number) for number in numbers[:8]]
+    if len(numbers) > 8:
+        return ", ".join(shown) + f" and {len(numbers) - 8} more"
+    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}"

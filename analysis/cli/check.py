@@ -1,18 +1,89 @@
-"""`rig check FILE`: whether a rig file is good."""
+"""`rig check RIG` or `rig check RUN…`: whether a rig file is good, and whether runs are what they are labelled as."""
 
 from __future__ import annotations
 
-from analysis.cli import app
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app, completion
 from analysis.cli.commands import command
-from analysis.cli.console import say, say_error
-from analysis.cli.options import RigArgument
+from analysis.cli.console import say, say_error, say_json
+from analysis.cli.options import AsJson
+from rigs.errors import FileError, UseError
+
+if TYPE_CHECKING:
+    from analysis.conventions.check import Checked
+    from analysis.traces.loading import Measured
 
 
 @command(app, "rig check cell.yaml")
 def check(
-    rig_file: RigArgument,
+    given: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RIG|RUN…",
+            autocompletion=completion.rig_files,
+            help="Rig file, or the name of a shipped rig; or run directories of one robot, held to conventions.",
+        ),
+    ],
+    as_json: AsJson = False,
 ) -> None:
-    """Check a rig file: report every mistake with its line, and whether the robot can drive the tests."""
+    """Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of runs, check
+    whether units, joints, gauges, times and places are meant as labelled."""
+    runs = [Path(one) for one in given if Path(one).is_dir()]
+    if runs and len(runs) < len(given):
+        other = next(one for one in given if not Path(one).is_dir())
+        raise UseError(other, "is no directory with runs", "check a rig file by itself, or runs")
+    if runs:
+        _check_runs(runs, as_json=as_json)
+        return
+    if len(given) > 1 or as_json:
+        raise UseError(given[0], "is no directory with runs", "check one rig file at a time, without --json")
+    _check_rig(given[0])
+
+
+def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
+    """Hold runs of one robot against every convention. Ends with exit code 3 where one is contradicted."""
+    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from analysis.cli.several import end_with, over_runs, worst  # noqa: PLC0415
+    from analysis.conventions.check import check_runs  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
+
+    runs: list[Measured] = []
+    errors = over_runs(load_measured, runs_below(paths), runs.append, doing="reading")
+    if not runs:
+        end_with(worst(errors))
+    checked = check_runs(runs)
+    if as_json:
+        names = [run.run.manifest.name for run in runs]
+        say_json({"runs": names, "conventions": [one.to_dict() for one in checked]})
+    else:
+        for one in checked:
+            for line in _lines(one, len(runs)):
+                say(line)
+    found = any(one.findings for one in checked)
+    end_with(max(worst(errors), FileError.exit_code if found else 0))
+
+
+def _lines(checked: Checked, runs: int) -> list[str]:
+    """A line for a convention, or one for each finding."""
+    name = f"{checked.convention.name}:"
+    if checked.findings:
+        return [
+            f"{name:14}{', '.join(one.runs[:3])}{' …' * (len(one.runs) > 3)}: {one.words}"
+            if runs > 1
+            else f"{name:14}{one.words}"
+            for one in checked.findings
+        ]
+    if checked.cannot:
+        return [f"{name:14}not shown: {checked.cannot}"]
+    return [f"{name:14}nothing against it ({checked.convention.asks})"]
+
+
+def _check_rig(rig_file: str) -> None:
     import datetime as dt  # noqa: PLC0415
 
     from analysis.cli.several import end_with, worst  # noqa: PLC0415

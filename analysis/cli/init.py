@@ -113,7 +113,7 @@ def init(
         say_json(_found(options))
         return
     _make(options)
-    check(str(rig_file))
+    check([str(rig_file)])
     say("next:")
     for line in next_steps(rig_file):
         say(f"  {line}")

@@ -83,7 +83,9 @@ def stop(rig: RigName = None) -> None:
 
 
 def _why_unusable(run: Path) -> str:
-    """Why `rig analyse` would refuse a run, while the robot can still drive it again; empty where it would not."""
+    """Why `rig analyse` would refuse a run, or a convention shows that it is none, while the robot can still drive it
+    again; empty where it is good."""
+    from analysis.conventions.check import why_no_measurement  # noqa: PLC0415
     from analysis.measures.results import result_of  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
@@ -91,7 +93,10 @@ def _why_unusable(run: Path) -> str:
     try:
         recorded = read_run(run)
         if recorded.manifest.test != "pose":  # which has a table of its own
-            result_of(measured_of(recorded))
+            measured = measured_of(recorded)
+            if why := why_no_measurement(measured):
+                return why
+            result_of(measured)
     except FileError as error:
         return error.what
     return ""

@@ -42,6 +42,8 @@ def load_runs(
 
 def say_doubts(runs: Iterable[Measured]) -> None:
     """Print what a person should know of each run before it is used, on standard error."""
+    from analysis.conventions.check import doubts_of  # noqa: PLC0415
+
     for run in runs:
-        for doubt in run.doubts:
+        for doubt in doubts_of(run):
             say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from analysis.diagnosis.exchanged_gauges import exchanged_runs
+from analysis.conventions.check import findings_of
+from analysis.conventions.finding import Finding
+from analysis.conventions.gauge_order import ORDER, SIGN
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.fitting.observation import with_placement
 from analysis.fitting.placements import split_by_frame, with_enough_readings
 from analysis.model.predict import model_of
-from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, Table
 from rigs.errors import FileError
@@ -25,21 +26,22 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     """Return the runs of each use as the diagnosis uses them, with the circle and targets of their own rig files, and
     messages about their frames and wiring.
 
-    All runs of one cell and placement share a set-up and its name, whatever their use. Runs with exchanged gauges, and
-    runs of a set-up that absorbs all of their readings (m, k), are left out. Raises FileError for a run of another
-    robot.
+    All runs of one cell and placement share a set-up and its name, whatever their use. Runs that fit only if a
+    convention is another than labelled, and runs of a set-up that absorbs all of their readings (m, k), are left out.
+    Raises FileError for a run of another robot, and where a convention leaves no run of the first use.
     """
     runs = [run for use in uses for run in use]
     names = [run.run.manifest.name for run in runs]
     use_of = [number for number, use in enumerate(uses) for _ in use]
+    found_wrong = findings_of(runs)
+    wrong = _contradicted(runs, found_wrong)
+    _hold_some(uses[0], runs, wrong)
     seen = _about_one_rig(rig, runs)
-    wrong = exchanged_runs(seen)
     kept = [k for k in range(len(runs)) if k not in wrong]
     found, doubts = _split_by_frame([seen[k] for k in kept], [names[k] for k in kept])
-    for k in wrong:
-        what = f"{names[k]} is left out: compared with its repeats, its gauges g1 and g2 are exchanged"
-        doubts.insert(0, f"{what}; check the cables, or import it with the columns exchanged")
-    doubts += _exchanged([(names[k], runs[k]) for k in kept])
+    for k, finding in reversed(wrong.items()):
+        doubts.insert(0, f"{names[k]} is left out: {finding.words}")
+    doubts += _likely(found_wrong)
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
@@ -50,17 +52,35 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     return parts, doubts
 
 
-def _exchanged(runs: Sequence[tuple[str, Measured]]) -> list[str]:
-    """Return a message where runs, given with their names, look as if all their gauges were exchanged alike: their
-    repeats do not show it."""
-    doubted = [name for name, run in runs if doubts_of_order(run.table, run.rig)]
-    if not doubted:
-        return []
-    more = f" and {len(doubted) - 1} more" * (len(doubted) > 1)
-    return [
-        f"g1 and g2 may be exchanged in {doubted[0]}{more}, where repeats cannot show it; every size would be wrong "
-        "then: press a probe to see which is which before anything is corrected"
-    ]
+def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
+    """Return the runs that are no measurement as they are labelled, each with what shows it."""
+    certain = [finding for finding in findings if finding.strength != "likely"]
+    shown = {
+        k: next((finding for finding in certain if run.run.manifest.name in finding.runs), None)
+        for k, run in enumerate(runs)
+    }
+    return {k: finding for k, finding in shown.items() if finding is not None}
+
+
+def _hold_some(used: Sequence[Measured], runs: Sequence[Measured], wrong: Mapping[int, Finding]) -> None:
+    """Raise FileError where no run is left to find effects from."""
+    first = [k for k in range(len(runs)) if k < len(used)]
+    if first and all(k in wrong for k in first):
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+
+
+def _likely(findings: Sequence[Finding]) -> list[str]:
+    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it."""
+    likely = [one for one in findings if one.convention in (ORDER, SIGN) and one.strength == "likely"]
+    doubts = []
+    for meant in dict.fromkeys(one.meant for one in likely):
+        names = [name for one in likely if one.meant == meant for name in one.runs]
+        more = f" and {len(names) - 1} more" * (len(names) > 1)
+        doubts.append(
+            f"{meant} in {names[0]}{more}, where repeats cannot show it; every size would be wrong then: press a probe "
+            "to see which is which before anything is corrected"
+        )
+    return doubts
 
 
 def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:

@@ -13,10 +13,11 @@ import numpy as np
 
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
-from analysis.fitting.observation import residuals_of
+from analysis.fitting.observation import Observation, residuals_of
 from analysis.fitting.split import part
 from analysis.kinematics.arm import Array, Mask
 from analysis.noise.cell import TARGET_MM
+from analysis.noise.wild import by_accident
 from analysis.traces.tables import CircleTable, PoseTable
 from rigs.effects import Effect
 
@@ -35,15 +36,18 @@ def without_wild(
     `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
     for."""
     targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
-    sound, far_mm = list(runs), dict[str, float]()
+    sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
     for k, (distance_mm, spreads) in zip(targets, away, strict=True):
         one, wild = runs[k].one, spreads > _SPREADS
+        if not by_accident(wild, one.table.q[one.rows]):
+            shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
+            continue
         sound[k] = replace(runs[k], one=part(one, ~wild))
         if wild.any():
             far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
     doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
-    return [run for run in sound if len(run.one.rows)], doubts
+    return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
@@ -62,6 +66,15 @@ def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
         found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
         near = [spreads <= _NEAR for _, spreads in found]
     return found
+
+
+def _shared(one: Observation, far: int, most_mm: float) -> str:
+    """Return what a person should know of readings that are far off and no accident."""
+    return (
+        f"{far} of {len(one.rows)} readings of {one.setup} lie far from all others, up to {most_mm:.1f} mm, and are "
+        "not left out: so many, or all in one range of a joint, are no lost points; check the signs, order and zeros "
+        "of the joints, and whether instrument or base moved"
+    )
 
 
 def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: str, most_mm: float, use: str) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from analysis.conventions.check import doubts_of, refuse_impossible
 from analysis.files.read import read_file
-from analysis.files.units import check_units
 from analysis.measures.checks import hold_alive
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured, measured_of
@@ -48,8 +48,9 @@ def read_table(
         placement=placement,
     )
     measured = measured_of(run, rig)
-    doubts = (*check_units(measured.table, rig, str(source)), *_doubts(measured.table, rig, str(source)))
-    return replace(measured, doubts=(*read.doubts, *doubts, *measured.doubts))
+    refuse_impossible(measured, str(source))
+    doubts = (*read.doubts, *_doubts(measured.table, rig, str(source)), *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=doubts)))
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:

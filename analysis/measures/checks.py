@@ -36,11 +36,3 @@ def hold_radius(where: str, radius_mm: float) -> None:
     """Raises FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")
-
-
-def listed(numbers: list[int]) -> str:
-    """`3, 7 and 9`, no more than eight of them."""
-    shown = [str(number) for number in numbers[:8]]
-    if len(numbers) > 8:
-        return ", ".join(shown) + f" and {len(numbers) - 8} more"
-    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}"

@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.geometry.rigid import best_rigid
+from analysis.conventions.lost_poses import without_lost
+from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.measures.checks import hold_numbers
 from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
-from analysis.measures.lost_poses import without_lost
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.scatter_figures import of_scatter
 from analysis.noise.cell import TARGET_MM, LogUniform
@@ -47,16 +47,6 @@ _MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
 """An arm by its nominal constants errs by some mm; one larger than this and than so many times its u is doubtful."""
 _BLIND = 1e-3
 """Share of the largest singular value (lengths and turns scaled alike) below which no direction is determined."""
-
-
-@dataclass(frozen=True)
-class PoseSetUp:
-    """T_world_base and T_flange_tool (4, 4), fitted; the world is the tracker's."""
-
-    T_world_base: Array
-    T_flange_tool: Array
-    design: Array
-    """Slopes (3 n, 9) mm of the errors by base turn and place and tool place, at the solution."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +80,7 @@ def evaluate(
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
     three visits on, rp_mm and rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the
     rotations about the arm's x, y, z (a, b, c as in the standard). Poses that were not measured are left out
-    (`analysis.measures.lost_poses`). Raises FileError.
+    (`analysis.conventions.lost_poses`). Raises FileError.
     """
     _hold(table, where)
     bare = replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
@@ -150,28 +140,6 @@ def _misfit(rms: Quantity) -> list[str]:
         "no noise does this, and u does not cover it; check order, signs and zeros of the joints, whether axes 2 and 3 "
         "are coupled (FANUC), and the arm"
     ]
-
-
-def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
-    """Base and tool that bring the flanges T (n, 4, 4) of the bare arm to the places xyz_mm (n, 3)."""
-    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415
-
-    start = best_rigid(T[:, :3, 3], xyz_mm)
-    reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
-
-    def parts(x: Array) -> tuple[Array, Array, Array]:
-        base: Array = Rotation.from_rotvec(x[:3] / reach).as_matrix() @ start[:3, :3]
-        return base, start[:3, 3] + x[3:6], x[6:9]
-
-    def misfit(x: Array) -> Array:
-        base, origin, tool = parts(x)
-        values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ base.T + origin)
-        return values.ravel()
-
-    found = least_squares(misfit, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
-    base, origin, tool = parts(found.x)
-    return PoseSetUp(_frame(base, origin), _frame(np.eye(3), tool), np.asarray(found.jac))
 
 
 def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
@@ -285,22 +253,13 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
     return x
 
 
-def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
-    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base, of flanges T (n, 4, 4) of the bare
-    arm at the measured places xyz_mm (n, 3)."""
-    base = setup.T_world_base
-    tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
-    error: Array = (xyz_mm - base[:3, 3]) @ base[:3, :3] - tool
-    return error
-
-
 def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
     """The set-up with the tool's orientation, and the rotation vectors (n, 3) rad that are left, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     seen = _turns_seen(rpy, setup)
     R_tool = (Rotation.from_matrix(T[:, :3, :3]).inv() * seen).mean().as_matrix()
-    whole = _frame(R_tool, setup.T_flange_tool[:3, 3])
+    whole = frame(R_tool, setup.T_flange_tool[:3, 3])
     return replace(setup, T_flange_tool=whole), _turns_left(T, seen, R_tool)
 
 
@@ -317,12 +276,6 @@ def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
 
     left: Array = (seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec()
     return left
-
-
-def _frame(R: Array, origin: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, origin
-    return T
 
 
 def _blind(setup: PoseSetUp) -> tuple[str, ...]:

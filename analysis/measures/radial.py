@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.checks import hold_alive, hold_numbers, hold_radius, listed
+from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.iso_figures import rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
@@ -33,6 +33,7 @@ from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.tables import RadialTable
 from rigs.errors import FileError
+from rigs.text import listed
 
 _FEWEST = 6
 _RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.checks import hold_alive, hold_numbers, listed
+from analysis.measures.checks import hold_alive, hold_numbers
 from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
@@ -24,6 +24,7 @@ from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
+from rigs.text import listed
 
 SIDES = ("out", "in")
 

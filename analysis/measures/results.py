@@ -10,13 +10,13 @@ from typing import Any
 
 import pyarrow as pa
 
+from analysis.conventions.check import doubts_of
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
-from analysis.measures.rig_agreement import doubts_of
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.loading import Measured, load_measured
 
@@ -58,10 +58,10 @@ class Result(Tabular):
         """Which test it is."""
         return self.measured.run.manifest.test
 
-    @property
+    @cached_property
     def doubts(self) -> tuple[str, ...]:
         """What a person should know before trusting the figures, in words."""
-        return (*self.measured.doubts, *doubts_of(self.measured.table, self.measured.rig), *self.found.notes)
+        return (*doubts_of(self.measured), *self.found.notes)
 
     @property
     def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:

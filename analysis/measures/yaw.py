@@ -3,7 +3,7 @@
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
 The distance, the mean of the gauges, shows the same eccentricity a second time. Where they differ grossly, a note says
-so; analysis/traces/gauge_order.py says where the gauges may be exchanged.
+so; analysis/conventions/gauge_order.py says where the gauges may be exchanged.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
 the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.

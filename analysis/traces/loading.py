@@ -18,7 +18,6 @@ from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.dwells import radial_table, repeatability_table
-from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.single_stands import one_row_a_stand
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from daq.store import Relabelling, Run, read_run
@@ -101,12 +100,11 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     if run.table is not None:
         doubts += _taken_as_corrected(run, rig)
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-        table, more = one_row_a_stand(table)
-        doubts += [*more, *doubts_of_order(table, rig)]
+        table = one_row_a_stand(table)
         return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)
     condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-    doubts += [*more, *condition.doubts, *doubts_of_order(table, rig)]
+    doubts += [*more, *condition.doubts]
     bare = replace(run, streams={})
     return Measured(path, bare, rig, table, u_lag_s, tuple(doubts), _systematic(rig, table), condition)
 

@@ -17,23 +17,26 @@ _STANDS_MM = 1.0
 """Places or readings of one stand that differ by more are no readings of one thing; they are left as they are."""
 
 
-def one_row_a_stand(table: Table) -> tuple[Table, list[str]]:
-    """A table with neighbouring rows of one stand averaged, and a doubt that says so; circles, driven, as they are."""
+def one_row_a_stand(table: Table) -> Table:
+    """A table with neighbouring rows of one stand averaged; circles, driven, as they are."""
     if isinstance(table, CircleTable) or not len(table.q):
-        return table, []
-    moved = (np.abs(np.diff(table.q, axis=0)) > _STANDS_RAD).any(axis=1) | _differ(table)
-    first = np.concatenate([[True], moved])
+        return table
+    first = _begins(table)
     stand = np.cumsum(first) - 1
-    counts = np.bincount(stand)
-    if counts.max() < 2:
-        return table, []
-    several = counts[counts > 1]
-    stands = "1 stand" if len(several) == 1 else f"{len(several)} stands"
-    doubt = (
-        f"{several.sum()} rows are {stands} of the robot, read up to {several.max()} times without a move: their "
-        "means are used, one for each; if the robot moved in between, give the rows of a pose after those of another"
-    )
-    return _averaged(table, first, stand), [doubt]
+    return table if first.all() else _averaged(table, first, stand)
+
+
+def rows_a_stand(table: Table) -> Integers:
+    """How many rows each stand of a table has, (s,); none of a circle, which is driven."""
+    if isinstance(table, CircleTable) or not len(table.q):
+        return np.empty(0, dtype=np.int64)
+    return np.bincount(np.cumsum(_begins(table)) - 1)
+
+
+def _begins(table: PoseTable | RadialTable | RepeatabilityTable) -> Mask:
+    """Which rows (n,) begin a stand."""
+    moved = (np.abs(np.diff(table.q, axis=0)) > _STANDS_RAD).any(axis=1) | _differ(table)
+    return np.concatenate([[True], moved])
 
 
 def _differ(table: PoseTable | RadialTable | RepeatabilityTable) -> Mask:

@@ -52,9 +52,9 @@ def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line
     assert done.returncode == 2 and done.stderr.startswith(f"error: {line}") and len(done.stderr.splitlines()) == 1
 
 
-def test_a_directory_is_no_rig_file(tmp_path: Path) -> None:
+def test_a_directory_without_runs_is_nothing_to_check(tmp_path: Path) -> None:
     done = ran("check", tmp_path)
-    assert done.returncode == 3 and f"{tmp_path}: is a directory, and no rig file; give a file in it" in done.stderr
+    assert done.returncode == 3 and f"{tmp_path}: holds no run; give the directory of a run" in done.stderr
 
 
 def test_a_rig_is_named_by_its_file_and_the_part_of_it(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from analysis.conventions.units import unit_findings
 from analysis.files.mcap_messages import MAGIC
 from analysis.files.read import MOST_BYTES, parse_csv, read_file
 from analysis.files.table_problems import TableFileError
-from analysis.files.units import check_units
 from analysis.traces.csv_tables import table_from
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
@@ -321,7 +321,7 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) ->
     try:
         columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
         words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
-        check_units(table_from(columns, test, words, "t.csv"), rig(), "t.csv")
+        list(unit_findings(table_from(columns, test, words, "t.csv"), rig()))
     except FileError as error:
         assert all(line.startswith("t.csv") and "\n" not in line for line in error.lines())
     else:

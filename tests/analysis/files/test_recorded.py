@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.conventions.check import doubts_of
 from analysis.files.read import read_file
 from analysis.files.write import write_csv, write_new
 from analysis.geometry.programs import repeatability_stops, stops
@@ -105,13 +106,13 @@ def test_rows_left_out_are_told(tmp_path: Path) -> None:
 def test_exchanged_gauges_are_doubted_and_the_figures_given(tmp_path: Path) -> None:
     """Recorded or imported: every command prints the doubts of a run before it uses it."""
     own = measured_of(read_run(recorded(tmp_path, "yaw", "acw", exchanged=True)))
-    (doubt,) = own.doubts
+    (doubt,) = doubts_of(own)
     assert doubt.startswith("g1 and g2 may be exchanged, which reverses every angle: the ball is (")
     write_new(tmp_path / "t.csv", lambda out: write_csv(own.to_table(), out))
     imported = {"rig_file": RIG_FILE, "test": "yaw", "direction": None, "operator": ""}
     assert import_table(tmp_path / "t.csv", tmp_path / "again", **imported) == [doubt]  # type: ignore[arg-type]
     again = measured_of(read_run(tmp_path / "again"))
-    assert again.doubts == (doubt,)
+    assert doubts_of(again) == (doubt,)
     assert "eccentricity_mm" in evaluate(again.table, again.rig, again.u_lag_s, "again").figures
 
 

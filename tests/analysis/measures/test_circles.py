@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from analysis.conventions.place import place_findings, stamp_findings
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import CircleFrame, Reversal, frame_of, reversals
 from analysis.geometry.programs import circle_of, circle_program, drive
@@ -15,7 +16,6 @@ from analysis.measures.evaluate import evaluate
 from analysis.measures.joint_reversals import apart, beside, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import reduced
-from analysis.measures.rig_agreement import doubts_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.laps import Laps, laps_of
 from analysis.traces.tables import CircleTable
@@ -127,7 +127,7 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
     table = simulate(rig, test, "acw" if test in ("yaw", "roll") else None, 1)
     notes = evaluate(table, rig, 0.0, name).notes
     assert not [note for note in notes if "may be wrong" in note or "looks like" in note]
-    assert doubts_of(table, rig) == ()
+    assert [*place_findings(table, rig), *stamp_findings(table, rig)] == []
 
 
 @pytest.mark.parametrize(

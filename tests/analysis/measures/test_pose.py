@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis import evaluate, load_run
 from analysis.files.write import write_csv
+from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures import pose
 from analysis.reporting.run_object import as_object
@@ -101,7 +102,7 @@ def test_the_readme_of_the_measured_ur10() -> None:
     for seed in range(200):
         order = np.random.default_rng(seed).permutation(len(T))
         fit, rest = order[:442], order[442:]
-        error = pose.position_error(T[rest], table.xyz_mm[rest], pose.fit_setup(T[fit], table.xyz_mm[fit]))
+        error = position_error(T[rest], table.xyz_mm[rest], fit_setup(T[fit], table.xyz_mm[fit]))
         held_out.append(np.sqrt((error**2).sum(axis=1).mean()))
     print(np.min(held_out), np.mean(held_out), np.max(held_out))
     assert np.mean(held_out) == pytest.approx(0.775, abs=0.01)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analysis.conventions.duplicates import duplicate_findings
+from analysis.conventions.gauge_order import order_findings
+from analysis.conventions.place import place_findings, stamp_findings
+from analysis.conventions.units import unit_findings
+from analysis.conventions.wildness import wild_findings
 from analysis.files.read import parse_csv
-from analysis.files.units import check_units
-from analysis.measures.rig_agreement import doubts_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import table_from
-from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.tables import CircleTable, Table
 from rigs.errors import FileError
 from rigs.load import load
@@ -27,7 +29,24 @@ RAD = np.pi / 180
 
 def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
     cell = cell or rig()
-    return check_units(read(rows, test, cell), cell, "t.csv")
+    table = read(rows, test, cell)
+    found = [
+        finding
+        for one in (unit_findings, duplicate_findings, wild_findings, place_findings, stamp_findings)
+        for finding in one(table, cell)
+    ]
+    for finding in found:
+        if finding.strength == "impossible":
+            raise FileError("t.csv", finding.what, finding.remedy)
+    return [finding.words for finding in found]
+
+
+def doubts_of_order(table: Table, cell: Rig) -> list[str]:
+    return [finding.words for finding in order_findings(table, cell)]
+
+
+def doubts_of(table: Table, cell: Rig) -> tuple[str, ...]:
+    return tuple(finding.words for finding in (*place_findings(table, cell), *stamp_findings(table, cell)))
 
 
 def read(rows: Rows, test: TestName, cell: Rig) -> Table:
@@ -65,6 +84,7 @@ def test_joints_in_radians(test: TestName) -> None:
 def test_joints_in_radians_at_targets() -> None:
     rows = plain("radial")
     one = {name: [cells[0]] * 5 for name, cells in rows.items()}
+    one |= _direction_of(one)
     tool = np.array([0.0, 0.0, 0.0])
     hemisphere = Hemisphere(centre_mm=tuple(tool), radius_mm=_reach(one), posture_deg=(0, 0, 0, 0, 0, 0))
     cell = rig().model_copy(update={"tests": rig().tests.model_copy(update={"hemisphere": hemisphere})})
@@ -82,6 +102,16 @@ def test_targets_of_a_gauge_in_micrometres() -> None:
         FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which is impossible for a link; check"
     ):
         check(rows | {"g1_mm": scaled(rows["g1_mm"], 500 / travel)}, "radial")
+
+
+def _direction_of(rows: Rows) -> Rows:
+    """The angles of the place from the base, about which the hemisphere of that test lies."""
+    from analysis.kinematics.arm import arm_of, forward  # noqa: PLC0415
+
+    q = np.radians([[float(rows[name][0]) for name in JOINTS]])
+    x, y, z = forward(arm_of(rig().robot), q)[0, :3, 3]
+    polar, azimuth = np.degrees(np.arctan2(np.hypot(x, y), z)), np.degrees(np.arctan2(y, x))
+    return {"polar_deg": [f"{polar:.6f}"] * 5, "azimuth_deg": [f"{azimuth:.6f}"] * 5}
 
 
 def _reach(rows: Rows) -> float:

@@ -6,18 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.files.gauge_units import FACTORS
-from analysis.files.off_path import far_rows, steps
+from analysis.conventions.gauge_units import FACTORS
+from analysis.conventions.off_path import far_rows, steps
 from analysis.kinematics.arm import Array
-from analysis.measures.checks import listed
 from analysis.traces.tables import PoseTable
 
 _ABOUT = 0.3
 """The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
 _SAME_TURN_RAD = 0.01
 """Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
-_ELSEWHERE_MM = 1.0
-"""A flange that moved so far took the target with it, unless that lies on the axis of the turn."""
 _FARTHER = 8.0
 """… and one way to read the angles is wrong where it is further off than this, and than another by this factor."""
 
@@ -32,24 +29,6 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
             yield what, "convert them to mm"
     if table.rpy is not None:
         yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
-
-
-def tracker_doubts(table: PoseTable, T: Array) -> Iterator[str]:
-    """What is doubtful about single places beside nominal poses T (n, 4, 4): lost ones, and those written again."""
-    lost = (table.xyz_mm == 0).all(axis=1)
-    if lost.any():
-        rows = listed(table.rows[lost].tolist())
-        are = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
-        yield f"{are.format(rows)} 0, 0, 0, as a tracker writes that lost its target; an analysis leaves it out"
-    same = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
-    for group in np.flatnonzero(np.bincount(same) > 1).tolist():
-        alike = (same == group) & ~lost
-        places = T[alike, :3, 3]
-        if alike.any() and np.linalg.norm(places - places[0], axis=1).max() > _ELSEWHERE_MM:
-            yield (
-                f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
-                "was elsewhere: the instrument may have sent its last place again; remove those that it did not measure"
-            )
 
 
 def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]]:

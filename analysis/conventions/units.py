@@ -1,4 +1,4 @@
-"""Units and labels taken by mistake, where the rig and the data together prove it.
+"""Units taken by mistake, where the rig and the data together prove it.
 
 Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
 What is only unlikely is a doubt; what cannot be detected is accepted.
@@ -10,34 +10,47 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.files.gauge_units import circle_gauges, too_far
-from analysis.files.off_path import off_path
-from analysis.files.tracker_units import tracker, tracker_doubts
+from analysis.conventions.finding import Finding
+from analysis.conventions.gauge_units import circle_gauges, too_far
+from analysis.conventions.off_path import off_path
+from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.measures.rig_agreement import doubts_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
-from rigs.errors import FileError
 from rigs.rig import Rig
 
+UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
 _CLEARLY = 3.0
 """One way to read the joints is right and the other wrong where it is off the path by this factor more."""
 _UNLIKELY = 0.1
 """A robot that stops on a sphere of this share of its travel has shown its gauge more than its errors."""
+_ROWS = 20_000
+"""Rows that show a unit; a run may have millions."""
 
 
-def check_units(table: Table, rig: Rig, where: str) -> list[str]:
-    """What is doubtful, in words; `where` names the table. Raises FileError for the first mistake that is certain."""
+def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """What speaks against the units of a table, surest first."""
+    table = _some(table)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
     if _radians(table, rig, places, forward(arm, np.degrees(table.q))):
         what = "q1_deg … q6_deg are radians: only then does the robot of the rig file follow the program"
-        raise FileError(where, what, "convert them to degrees")
+        columns = tuple(f"q{axis}_deg" for axis in range(1, 7))
+        yield Finding(UNITS, "impossible", columns, "radians", what, "convert them to degrees")
+        return
     for what, remedy in _mistakes(table, rig, places):
-        raise FileError(where, what, remedy)
-    if isinstance(table, PoseTable):
-        return [*tracker_doubts(table, places), *doubts_of(table, rig)]
-    return [*_doubts(table, rig), *doubts_of(table, rig)]
+        columns = tuple(name for name in what.split() if "_" in name)
+        yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)
+    if not isinstance(table, CircleTable | PoseTable) and rig.tests.hemisphere:
+        yield from _unlikely(table, rig.tests.hemisphere.radius_mm)
+
+
+def _some(table: Table) -> Table:
+    """A circle of so many rows at the most; other tables are short."""
+    if not isinstance(table, CircleTable) or len(table.q) <= _ROWS:
+        return table
+    rows = slice(None, None, len(table.q) // _ROWS)
+    return CircleTable(table.test, table.direction, table.t_s[rows], table.q[rows], table.g_mm[rows])
 
 
 def _radians(table: Table, rig: Rig, as_read: Array, as_degrees: Array) -> bool:
@@ -60,10 +73,8 @@ def _mistakes(table: Table, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
                 yield from too_far("g1_mm", table.g_mm, rig.tests.hemisphere.radius_mm)
 
 
-def _doubts(table: Table, rig: Rig) -> list[str]:
-    if isinstance(table, CircleTable | PoseTable) or rig.tests.hemisphere is None:
-        return []
-    travel, radius = float(np.ptp(table.g_mm)), rig.tests.hemisphere.radius_mm
-    if travel < _UNLIKELY * radius:
-        return []
-    return [f"g1_mm travels {travel:.4g} mm on a radius of {radius:g} mm, more than any robot error; check its unit"]
+def _unlikely(table: RadialTable | RepeatabilityTable, radius_mm: float) -> Iterator[Finding]:
+    travel = float(np.ptp(table.g_mm))
+    if _UNLIKELY * radius_mm <= travel <= radius_mm:
+        what = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
+        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", what, "check its unit")

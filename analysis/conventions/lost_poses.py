@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers, Mask
-from analysis.measures.checks import listed
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import SPREADS, by_accident, far_from_fit
 from analysis.traces.tables import PoseTable
+from rigs.text import listed
 
 _LEAST_RAD = 0.001
 """The least that a turn counts as a standard deviation: ten times what trackers resolve."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.files.off_path import off_path
+from analysis.conventions.off_path import off_path
 from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import CircleTable

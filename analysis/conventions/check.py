@@ -1,0 +1,151 @@
+"""The page of conventions: every one that data are held against, at import, when a recording ends and before every
+diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from analysis.conventions.duplicates import DUPLICATES, duplicate_findings
+from analysis.conventions.finding import Convention, Finding
+from analysis.conventions.gauge_order import ORDER, SIGN, order_findings
+from analysis.conventions.gauge_sign import sign_findings
+from analysis.conventions.joints import JOINTS, cannot_tell, joint_findings
+from analysis.conventions.place import PLACE, STAMPS, place_findings, stamp_findings
+from analysis.conventions.repeats import repeat_findings
+from analysis.conventions.stands import STANDS, stand_findings
+from analysis.conventions.units import UNITS, unit_findings
+from analysis.conventions.wildness import WILDNESS, wild_findings
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable, PoseTable, Table
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+Runs = Sequence[Measured]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A convention that runs were held against: what was found, and why they do not show it, empty where they can."""
+
+    convention: Convention
+    findings: tuple[Finding, ...]
+    cannot: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types: a convention of `rig check --json`."""
+        return {
+            "name": self.convention.name,
+            "asks": self.convention.asks,
+            "cannot": self.cannot or None,
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def check_runs(runs: Runs) -> list[Checked]:
+    """Hold runs of one robot against every convention, alone and together."""
+    return [Checked(one, tuple(one.find(runs)), one.cannot(runs)) for one in CONVENTIONS]
+
+
+def findings_of(runs: Runs) -> list[Finding]:
+    """Return what speaks against a convention in runs of one robot."""
+    return [finding for one in CONVENTIONS for finding in one.find(runs)]
+
+
+def doubts_of(run: Measured) -> tuple[str, ...]:
+    """Return what a run alone shows against a convention, in words, after what is known of it already."""
+    return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
+
+
+def refuse_impossible(run: Measured, where: str) -> None:
+    """Raise FileError for the first finding that no run can have as it is labelled."""
+    for finding in unit_findings(run.table, run.rig):
+        if finding.strength == "impossible":
+            raise FileError(where, finding.what, finding.remedy)
+
+
+def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings of each run by its table and rig."""
+
+    def find(runs: Runs) -> Iterator[Finding]:
+        for run in runs:
+            for finding in of_table(run.table, run.rig):
+                yield replace(finding, runs=(run.run.manifest.name,))
+
+    return find
+
+
+def _stands(runs: Runs) -> Iterator[Finding]:
+    for run in runs:
+        for finding in stand_findings(run):
+            yield replace(finding, runs=(run.run.manifest.name,))
+
+
+def _gauges(convention: str) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings about the gauges: against their repeats, against what no joint does, and by the ball's place; the
+    surest of each run."""
+
+    def find(runs: Runs) -> Iterator[Finding]:
+        found = list(repeat_findings(runs))
+        for more in (sign_findings, _each(order_findings)):
+            known = {name for finding in found for name in finding.runs}
+            found += more([run for run in runs if run.run.manifest.name not in known])
+        yield from (finding for finding in found if finding.convention == convention)
+
+    return find
+
+
+def _always(runs: Runs) -> str:
+    del runs
+    return ""
+
+
+def _joints_hidden(runs: Runs) -> str:
+    why = [cannot_tell(run.table, run.rig) for run in runs]
+    return "" if "" in why else next(iter(why), "")
+
+
+def _no_yaw(runs: Runs) -> str:
+    return "" if any(isinstance(run.table, CircleTable) for run in runs) else "no circle is among the runs"
+
+
+def _no_pair(runs: Runs) -> str:
+    ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs if isinstance(run.table, CircleTable)}
+    both = any((test, "cw") in ways for test, way in ways if way == "acw")
+    if both or any(run.rig.effects or run.rig.calibrated for run in runs if not isinstance(run.table, PoseTable)):
+        return ""
+    return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
+
+
+def _no_poses(runs: Runs) -> str:
+    return "" if any(isinstance(run.table, PoseTable) for run in runs) else "no poses are among the runs"
+
+
+def _no_targets(runs: Runs) -> str:
+    targets = any(not isinstance(run.table, CircleTable | PoseTable) for run in runs)
+    return "" if targets else "no targets are among the runs"
+
+
+def _no_stops(runs: Runs) -> str:
+    imported = any(run.run.table is not None and not isinstance(run.table, CircleTable) for run in runs)
+    return "" if imported else "no imported targets or poses are among the runs"
+
+
+CONVENTIONS = (
+    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always, _each(unit_findings)),
+    Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden, _each(joint_findings)),
+    Convention(ORDER, "are g1 and g2 exchanged", _no_yaw, _gauges(ORDER)),
+    Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair, _gauges(SIGN)),
+    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw, _each(stamp_findings)),
+    Convention(PLACE, "was each target where the rig file has it", _no_targets, _each(place_findings)),
+    Convention(STANDS, "is each row a visit of its own", _no_stops, _stands),
+    Convention(WILDNESS, "did the tracker have its target", _no_poses, _each(wild_findings)),
+    Convention(DUPLICATES, "is a place or a row written again", _no_poses, _each(duplicate_findings)),
+)
+"""Every convention, in the order in which a person reads them."""
+
+
+def why_no_measurement(run: Measured) -> str:
+    """Return why a run that was just recorded is no measurement as it is labelled, in words; empty where it is."""
+    return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

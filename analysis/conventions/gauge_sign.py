@@ -1,0 +1,279 @@
+"""Gauges that count the other way: with both negated every size and every sign is the opposite, and most runs look as
+good as ever.
+
+What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
+that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
+Where the arm has no play, and the rig file no effect, the data do not show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.conventions.finding import Finding, Misfit
+from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated, order_findings
+from analysis.conventions.repeats import GRID, gridded
+from analysis.geometry.ball_link import readings
+from analysis.geometry.circle import frame_of
+from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
+from analysis.traces.laps import laps_of
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.play import play
+from rigs.schema.vocabulary import TestName
+
+_ALIKE = 8.0
+"""Steps of the grid, of 1.4° each, over which the rest of two laps goes alike: so many count as one reading."""
+_DECISIVE = 12.0
+"""Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
+_FITS = 4.0
+"""… and the energy that plays leave is at least so many times less. Meanings within this factor are alike."""
+_LEAST_MM = 0.003
+"""What plays leave as labelled is at least this, rms: what gauges of 1 µm resolve."""
+_PLAY_RAD = float(np.radians(0.01))
+"""Width by which a joint has turned back: real plays are wider, encoders' noise is narrower."""
+_KNOWN = 4.0
+"""Factor by which negated readings must fit the effects of the rig file better. An arm that changed does not change to
+the opposite."""
+_KNOWN_MM = 0.02
+"""Readings that the rig file leaves within this are right as they are."""
+_ROWS = 1500
+_STEP = 1e-4
+
+
+def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
+    """What speaks against the sign of the gauges of runs of one robot."""
+    gauged = [run for run in runs if not isinstance(run.table, PoseTable)]
+    groups: list[list[Measured]] = []
+    for run in gauged:
+        own = next((group for group in groups if _same_cell(group[0], run)), None)
+        if own is None:
+            groups.append([run])
+        else:
+            own.append(run)
+    for group in groups:
+        known = [finding for run in group for finding in _known_effects(run)]
+        yield from known
+        if not known:
+            yield from _leading_play(group)
+
+
+def _same_cell(one: Measured, other: Measured) -> bool:
+    return one.rig.gauges == other.rig.gauges and one.rig.robot == other.rig.robot
+
+
+def _known_effects(run: Measured) -> Iterator[Finding]:
+    """A run that the effects of its rig file explain only with the gauges negated."""
+    model = model_of(run.rig)
+    table = run.table
+    if not model.effects or isinstance(table, PoseTable) or not _place_known(run):
+        return
+    as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
+    if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
+        return
+    values = 3 * len(table.q) ** 0.5
+    misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
+    name = run.run.manifest.name
+    what = (
+        f"the effects of the rig file explain its readings only with the gauges counting the other way: "
+        f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
+    )
+    yield Finding(SIGN, "decisive", _gauges(run), "gauges negated", what, _REMEDY, misfit, (name,))
+
+
+_COLUMNS = ("g1_mm", "g2_mm")
+_EXCHANGE = "press a probe to see which is which, and exchange their columns or ports"
+_REMEDY = "press a probe: where its reading falls give counts: towards in the rig file, or change its column's sign"
+
+
+def _place_known(run: Measured) -> bool:
+    place = run.rig.tests.circle if isinstance(run.table, CircleTable) else run.rig.tests.hemisphere
+    return place is not None
+
+
+def _gauges(run: Measured) -> tuple[str, ...]:
+    return _COLUMNS if isinstance(run.table, CircleTable) else ("g1_mm",)
+
+
+def _left_mm(model: Model, table: CircleTable | RadialTable | RepeatabilityTable, sign: float) -> float:
+    """What readings of a sign leave beside a model, rms mm, with ball and zeros fitted."""
+    setup = nominal_setup(model.rig, table)
+    path = path_of(model, table)
+    scene = moved(model, path)
+
+    def at(ball: Array) -> Array:
+        place = type(setup)(ball, setup.zeros_mm, setup.T_instrument_world, setup.T_tool_target)
+        return read(model, table, path, scene, place)
+
+    predicted = at(setup.ball)
+    some = slice(None, None, max(1, len(predicted) // _ROWS))
+    slopes = [(at(setup.ball + step) - predicted)[some].ravel() / 0.01 for step in 0.01 * np.eye(3)]
+    count = predicted.shape[1]
+    zeros = [np.tile(one, len(predicted[some])) for one in np.eye(count)]
+    seen = sign * table.g_mm.reshape(predicted.shape)
+    left = (seen - predicted)[some].ravel()
+    there = np.isfinite(left)
+    design = np.stack([*slopes, *zeros], axis=1)[there]
+    left = left[there] - design @ np.linalg.lstsq(design, left[there], rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The laps of one direction on the grid: readings (GRID, 2) mm, angles (GRID, 6) rad, speeds (GRID, 6) rad/s, which
+    flank each joint lies on (GRID, 6) and each gauge (GRID, 2), -1 to 1, and the time (GRID,) since the beginning, 0 to
+    1."""
+
+    g_mm: Array
+    q: Array
+    speed: Array
+    flank: Array
+    stuck: Array
+    since: Array
+
+
+def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
+    """Circles driven both ways, in which joints lead where they turn back as the gauges are labelled, and lag if they
+    are meant otherwise: all runs of these gauges are doubtful."""
+    if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
+        return
+    energies, values = np.zeros(len(_MEANT)), 0.0
+    for test, both in _pairs(runs):
+        acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
+        energies += [_left_of_plays(runs[0].rig, test, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
+        values += 2 * GRID / _ALIKE
+    if not values or not energies.all():
+        return
+    best = int(np.argmin(energies))
+    labelled, left = float(energies[0]), float(energies[best])
+    gain = values / 2 * float(np.log(labelled / left))
+    as_labelled, as_meant = (float(np.sqrt(one / (values * _ALIKE))) for one in (labelled, left))
+    if gain < _DECISIVE or labelled < _FITS * left or as_labelled < _LEAST_MM:
+        return
+    alike = _by_the_ball([one for one, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * left], runs)
+    words = " or ".join(one.words for one in alike)
+    what = (
+        f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
+        f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
+    )
+    exchanged = alike[0].columns == (1, 0)
+    names = tuple(run.run.manifest.name for run in runs)
+    misfit = Misfit(as_labelled, as_meant, gain)
+    remedy = _EXCHANGE if exchanged else _REMEDY
+    yield Finding(ORDER if exchanged else SIGN, "decisive", _COLUMNS, words, what, remedy, misfit, names)
+
+
+@dataclass(frozen=True)
+class _Meant:
+    """What the columns of two gauges may hold: which of them (2,) are meant, and with which signs (2,)."""
+
+    words: str
+    columns: tuple[int, int]
+    signs: tuple[float, float]
+
+
+_MEANT = (
+    _Meant("both as labelled", (0, 1), (1.0, 1.0)),
+    _Meant("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
+    _Meant("g1 counting the other way", (0, 1), (-1.0, 1.0)),
+    _Meant("g2 counting the other way", (0, 1), (1.0, -1.0)),
+    _Meant("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
+    _Meant("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
+)
+
+
+def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
+    """Keep those meanings, of some that plays do not distinguish, with which mean and difference of the gauges show the
+    ball in one place; all where the ball shows nothing."""
+    seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
+    if EXCHANGED in seen:
+        return [one for one in alike if one.columns == (1, 0)] or alike
+    signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
+    return [one for one in alike if one.columns == (0, 1) and one.signs == signs] or alike
+
+
+def _as(way: _Way, meant: _Meant) -> _Way:
+    """A way with the columns of its gauges as they may have been meant."""
+    signs, columns = np.array(meant.signs), list(meant.columns)
+    return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
+
+
+def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[TestName, dict[str, list[_Way]]]]:
+    """The circles of each test and placement that were driven both ways. Those that hold no lap are reported where they
+    are analysed."""
+    found: dict[tuple[object, ...], tuple[TestName, dict[str, list[_Way]]]] = {}
+    for run in runs:
+        manifest, table = run.run.manifest, run.table
+        if not isinstance(table, CircleTable) or table.g_mm.shape[1] != 2:
+            continue
+        with suppress(FileError):
+            way = _way(run, table)
+            key = (table.test, manifest.placement, repr(run.rig.tests.circle))
+            found.setdefault(key, (table.test, {}))[1].setdefault(table.direction, []).append(way)
+    yield from (one for one in found.values() if len(one[1]) == 2)
+
+
+def _way(run: Measured, table: CircleTable) -> _Way:
+    """A circle on the grid. Raises FileError where it holds no lap."""
+    laps = laps_of(table, run.rig, str(run.path))
+    flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
+    stuck = np.stack([(play(gauge, 2 * _LEAST_MM) - gauge) / (2 * _LEAST_MM) for gauge in table.g_mm.T], axis=1)
+    speed = np.gradient(table.q, table.t_s, axis=0)
+    rows = np.searchsorted(table.t_s, laps.t_s)
+    since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
+    columns = [laps.g_mm, laps.q, speed[rows], flank[rows], stuck[rows], since[:, None]]
+    grid = gridded(laps.phi, np.concatenate(columns, axis=1))
+    return _Way(grid[:, :2], grid[:, 2:8], grid[:, 8:14], grid[:, 14:20], grid[:, 20:22], grid[:, 22])
+
+
+def _mean(ways: Sequence[_Way]) -> _Way:
+    return _Way(*(np.mean([getattr(way, name) for way in ways], axis=0) for name in vars(ways[0])))
+
+
+def _left_of_plays(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> float:
+    """Energy in mm² that plays which lag leave of the difference of both ways. What goes with the angles is the same
+    both ways; drift, late times and a gauge that sticks are taken out."""
+    from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
+
+    circle = rig.tests.circle
+    if circle is None:
+        return 0.0
+    slopes = _slopes(rig, circle, test, (acw.q + cw.q) / 2)
+    plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
+    late = (slopes * (acw.speed - cw.speed)[:, None, :]).reshape(-1, 6)
+    phi = np.arange(GRID) * 2 * np.pi / GRID
+    slow = np.stack([np.ones(GRID), np.cos(phi), np.sin(phi), acw.since, cw.since], axis=1)
+    each = np.concatenate([np.kron(slow, one[:, None]) for one in np.eye(2)], axis=1)
+    stuck = np.zeros((GRID, 2, 2))
+    stuck[:, [0, 1], [0, 1]] = acw.stuck - cw.stuck
+    design = np.concatenate([each, late, stuck.reshape(-1, 2)], axis=1)
+    taken, sizes, _ = np.linalg.svd(_scaled(design), full_matrices=False)
+    basis = taken[:, sizes > 1e-9 * sizes[0]]
+    left, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
+    return float(nnls(plays, left)[1]) ** 2
+
+
+def _scaled(design: Array) -> Array:
+    """Columns (n, k) of length 1; those of nothing as they are."""
+    length = np.linalg.norm(design, axis=0)
+    return design / np.where(length > 0, length, 1.0)
+
+
+def _slopes(rig: Rig, circle: Circle, test: TestName, q: Array) -> Array:
+    """Slopes (GRID, 2, 6) in mm/rad of both gauges by each joint, at angles (GRID, 6) rad, of the nominal arm."""
+    arm, centre = arm_of(rig.robot), frame_of(circle).centre
+    offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])[:2]
+
+    def seen(angles: Array) -> Array:
+        return readings(forward(arm, angles), centre, offsets, test, circle.radius_mm)  # type: ignore[arg-type]
+
+    steps = _STEP * np.eye(6)
+    return np.stack([(seen(q + step) - seen(q - step)) / (2 * _STEP) for step in steps], axis=2)

@@ -1,0 +1,104 @@
+"""How far the robot was from the path of its test, by the nominal arm and whatever the gauges say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.geometry.circle import frame_of
+from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.kinematics.arm import Array
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle, Hemisphere
+
+_ON_PATH = 0.03
+_ON_TRACK = 0.3
+"""The rig file may know nothing of the tracker's target, so that its places fit roughly only."""
+_UPRIGHT = 0.3
+"""Radians by which the tool may be turned from what the test prescribes; a joint read wrongly turns it by more."""
+
+
+@dataclass(frozen=True)
+class Off:
+    """off_mm: distance from the path at the median; off: the same in shares of its size; on: whether that is as good as
+    on it, and the tool turned as the test prescribes."""
+
+    off_mm: float
+    off: float
+    on: bool
+
+
+def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
+    """How far tool poses (n, 4, 4) lie from the test's path; None where the path is not known."""
+    circle, hemisphere = rig.tests.circle, rig.tests.hemisphere
+    match table:
+        case PoseTable():
+            return _off_track(T[:, :3, 3], table.xyz_mm)
+        case CircleTable():
+            return _off_circle(T, circle) if circle else None
+        case RadialTable() | RepeatabilityTable():
+            return _off_targets(T[:, :3, 3], table, hemisphere) if hemisphere else None
+
+
+def _off_track(places: Array, seen: Array) -> Off | None:
+    rows = far_rows(seen)
+    size = float(np.median(steps(seen, rows)))
+    if size <= 0:
+        return None
+    off_mm = float(np.median(np.abs(steps(places, rows) - steps(seen, rows))))
+    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
+
+
+def _off_circle(T: Array, circle: Circle) -> Off:
+    """The tool points to the ball with its x axis along the circle's normal; turned otherwise it is off by an arc."""
+    frame = frame_of(circle)
+    from_centre = T[:, :3, 3] - frame.centre
+    radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
+    off = float(np.median(np.maximum(radial, np.abs(from_centre @ frame.n))))
+    wanted = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
+    trace = np.einsum("nij,nij->n", wanted, T[:, :3, :3])
+    turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
+    off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
+    return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
+
+
+def _off_targets(places: Array, table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Off:
+    """How far the tool was from its targets, or where their numbers are unknown from the sphere."""
+    frame = hemisphere_frame(hemisphere)
+    wanted = places_of(table, hemisphere)
+    away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
+    off_mm = float(np.median(away if wanted is None else np.linalg.norm(places - wanted, axis=1)))
+    return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
+
+
+def places_of(table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Array | None:
+    """Where the targets (n, 3) mm of the rows lie: by the angles of the table, or those of its target's number; None
+    where the hemisphere has no target of such a number."""
+    frame = hemisphere_frame(hemisphere)
+    if isinstance(table, RadialTable):
+        polar, azimuth = table.polar, table.azimuth
+    else:
+        every = target_angles(hemisphere)
+        if table.target.min() < 1 or table.target.max() > len(every[0]):
+            return None
+        polar, azimuth = (angles[table.target - 1] for angles in every)
+    places: Array = frame.centre + frame.radius * frame.direction(polar, azimuth)
+    return places
+
+
+def far_rows(places: Array) -> int:
+    """How many rows apart places (n, 3) lie farthest from one another, of a few distances in the table.
+
+    Half a table on may be the same place again, where all poses are driven twice, and one row on, where each is
+    measured several times at once.
+    """
+    n = len(places)
+    return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
+
+
+def steps(places: Array, rows: int) -> Array:
+    """Distance of each place (n, 3) from that so many rows before it: the same in every frame. (n,) mm."""
+    distances: Array = np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1)
+    return distances
