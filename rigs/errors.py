@@ -6,11 +6,13 @@ anything else that reaches a person as a traceback is a bug.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from rigs.text import plain
 
 _LONGEST = 1000
+Undrivable = Literal["limits", "speed", "singularity", "reach"]
+"""Why an arm cannot drive a path: a joint's limits or speed, a singularity, or its reach."""
 
 
 class RigPlace(str):
@@ -70,6 +72,14 @@ class FileError(RigError):
     """A rig file, a run or a table is missing, damaged or wrong."""
 
     exit_code = 3
+
+
+class PathError(FileError):
+    """An arm cannot drive a path that a rig file states. reason: what stands in its way, by which code decides."""
+
+    def __init__(self, where: str, what: str, remedy: str, reason: Undrivable) -> None:
+        super().__init__(where, what, remedy)
+        self.reason = reason
 
 
 class CellError(RigError):

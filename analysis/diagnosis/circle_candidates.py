@@ -12,7 +12,7 @@ import numpy as np
 from analysis.diagnosis.further_tests import FASTER, OFF_AXIS_MM, ball_off_axis, other_radii, places, with_circle
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_program
-from rigs.errors import FileError, RigPlace
+from rigs.errors import FileError, PathError, RigPlace, Undrivable
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.vocabulary import TestName
@@ -23,11 +23,11 @@ SET_UP_MIN = 10.0
 """Minutes to move the ball, set the link and load the program for another circle. Chosen: somebody who has done it
 before."""
 
-_REASONS = {
-    "its limits": "beyond the limits of a joint",
-    "it can do": "too fast for a joint",
+_REASONS: dict[Undrivable, str] = {
+    "limits": "beyond the limits of a joint",
+    "speed": "too fast for a joint",
     "singularity": "at a singularity",
-    "out of reach": "out of reach",
+    "reach": "out of reach",
 }
 
 
@@ -57,8 +57,8 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     for words, other in _circles(rig, rig.tests.circle):
         try:
             program = circle_program(other, "acw")
-        except FileError as error:
-            refused[_reason(error.what)] += 1
+        except PathError as error:
+            refused[_REASONS[error.reason]] += 1
             continue
         assert other.tests.circle is not None  # noqa: S101 - each has one
         start_deg = np.degrees(program.q[0]).round(2).tolist()
@@ -66,11 +66,6 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
         found.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
     return CircleCandidates(tuple(found), refused)
-
-
-def _reason(what: str) -> str:
-    """Return the kind of reason why a circle cannot be driven, whatever the axis and its numbers."""
-    return next((kind for words, kind in _REASONS.items() if words in what), what)
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:

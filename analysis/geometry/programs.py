@@ -16,7 +16,7 @@ from analysis.geometry.hemisphere import hemisphere_frame, target_angles, target
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of
 from analysis.kinematics.follow import follow
 from analysis.kinematics.newton import newton
-from rigs.errors import FileError, RigPlace
+from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import Direction
@@ -166,11 +166,12 @@ def fastest_joints(t_s: Array, q: Array) -> Array:
 
 def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
     for axis in np.flatnonzero(fastest > arm.speed):
-        raise FileError(
+        raise PathError(
             where,
             f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
             f"{np.degrees(arm.speed[axis]):.0f}°/s",
             "lower speed_mm_s, or move the circle away from the singularity",
+            "speed",
         )
 
 
@@ -280,9 +281,10 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
     good &= (q >= arm.limits[:, 0]).all(axis=1) & (q <= arm.limits[:, 1]).all(axis=1)
     if not good.all():
         bad = [name for name, reached in zip(names, good, strict=True) if not reached]
-        raise FileError(
+        raise PathError(
             RigPlace.of(rig.name, "tests.hemisphere"),
             f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}",
             "move centre_mm, lower polar_max_deg, or set posture_deg near the pole",
+            "reach",
         )
     return q

@@ -20,7 +20,7 @@ from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
 from analysis.kinematics.solved import wrapped
-from rigs.errors import FileError
+from rigs.errors import PathError
 
 Indices = NDArray[np.intp]
 
@@ -33,7 +33,7 @@ _SAME_RAD = 1e-6
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     """Joint angles (n, 6) rad whose tool follows `poses` (n, 4, 4), starting nearest to `posture` (6,).
 
-    `where` names the path in errors. Raises FileError where a pose cannot be reached, at a singularity
+    `where` names the path in errors. Raises PathError where a pose cannot be reached, at a singularity
     that the arm cannot pass without a jump, or where a joint would leave its limits.
     """
     start = _begun(arm, poses, posture, where)
@@ -113,17 +113,19 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
     return nearest
 
 
-def _out_of_reach(poses: Array, index: int, where: str) -> FileError:
-    return FileError(where, f"{_named(poses, index)} is out of reach of the arm in every posture", "move the centre")
+def _out_of_reach(poses: Array, index: int, where: str) -> PathError:
+    what = f"{_named(poses, index)} is out of reach of the arm in every posture"
+    return PathError(where, what, "move the centre", "reach")
 
 
-def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> FileError:
+def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathError:
     axes = " and ".join(str(axis) for axis in cancelling_axes(arm, q))
-    return FileError(
+    return PathError(
         where,
         f"the arm changes its posture near {_named(poses, index)}: a singularity, where axes {axes} cancel each other "
         f"(conditioning {conditioning(arm, q[None])[0]:.1g} at {np.degrees(q).round(1).tolist()}°)",
         "move the circle or choose another posture_deg",
+        "singularity",
     )
 
 
@@ -142,11 +144,12 @@ def _hold_limits(arm: Arm, path: Array, where: str) -> None:
     low, high = path.min(axis=0), path.max(axis=0)
     for axis in range(6):
         if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
-            raise FileError(
+            raise PathError(
                 where,
                 f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
                 f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
                 "move the path or choose another posture_deg",
+                "limits",
             )
 
 

@@ -24,18 +24,22 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
     return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
 
 
-def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
+def pairs_in_words(both: Pairs | None) -> list[str]:
+    """acw against cw in a line, if there is such a pair."""
+    if both is None or both.lag is None:
+        return []
+    figures = "; ".join(f"{whole_label(name)} {both.figures[name]}" for name in in_order(both.figures))
+    count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
+    return [f"acw against cw{count}: {figures}"]
+
+
+def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    """The lag of the gauges, and which runs are not a pair, one line each."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
         return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
-    lines = list(both.refused)
-    if both.lag is not None:
-        figures = "; ".join(f"{whole_label(name)} {both.figures[name]}" for name in in_order(both.figures))
-        count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
-        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag, _rate(both))]
-    return lines
+    return [*both.refused, *([_of_lag(both.lag, _rate(both))] if both.lag is not None else [])]
 
 
 def _rate(both: Pairs) -> float:

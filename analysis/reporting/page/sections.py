@@ -19,7 +19,7 @@ from analysis.reporting.page.columns import Column, columns_of, shown
 from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.target_charts import target_charts
-from analysis.reporting.run_words import in_words, what_u_is
+from analysis.reporting.run_words import lag_in_words, what_u_is
 from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import TestName
 
@@ -109,8 +109,7 @@ def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
 
 def _remarks(group: Sequence[Result]) -> tuple[str, ...]:
     """What u means here, and what was seen of lags and pairs."""
-    lines = [line for line in in_words(pairs_of(group), group) if not line.startswith("acw against cw")]
-    lines = [what_u_is(group, [one for one in pooled(group) if one.figures]), *lines]
+    lines = [what_u_is(group, [one for one in pooled(group) if one.figures]), *lag_in_words(pairs_of(group), group)]
     return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
 
 

@@ -22,7 +22,7 @@ from analysis.geometry.feasible import feasible_tests
 from analysis.geometry.programs import circle_program
 from analysis.model.predict import SetUp
 from analysis.reporting.proposal_report import write
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
@@ -48,6 +48,14 @@ def proposed(every: CircleCandidates) -> Proposal:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proposals, "circle_candidates", lambda *_: _some(every, SEVERAL))
         return propose(RIG, CIRCLE, 3, 120.0)
+
+
+def test_why_a_circle_is_refused_does_not_depend_on_words(
+    every: CircleCandidates, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = RigError.__init__
+    monkeypatch.setattr(RigError, "__init__", lambda error, where, what, remedy: said(error, "a", "b", "c"))
+    assert circle_candidates(RIG, CIRCLE, 3).refused == every.refused
 
 
 def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every: CircleCandidates) -> None:
