@@ -65,10 +65,8 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
     """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
-    where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm, not of what a
-    calibrated model leaves of it."""
-    if rig.calibration:
-        return None, None
+    where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
+    not of what a calibrated model leaves of it."""
     judged = judged_figures(_evaluable(runs), rig.limits)
     if not judged:
         return None, None

@@ -89,18 +89,22 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         own = self.found.accuracy
-        now = self.texts("error_now", now=micrometres(own.now_um), largest=micrometres(own.now_largest_um))
+        which = "error_corrected" if self.found.rig.calibrated else "error_now"
+        now = self.texts(which, now=micrometres(own.now_um), largest=micrometres(own.now_largest_um))
         left = {"left": micrometres(own.calibrated_um), "before": micrometres(own.before_there_um)}
         return f"{now} {self.texts(f'calibrated_{own.place}', **left)}"
 
     @property
     def judged(self) -> str:
-        """How the error now stands against its limits."""
+        """How the error now stands against its limits. Those of a rig file or a data sheet are of the arm as it drives:
+        a calibration corrects targets, and no measured run was driven with them."""
         own = self.found.accuracy
         if own.standing is None or own.limit is None:
             return self.texts("accuracy_not_judged")
         by = self.texts(f"limit_{own.limit}")
-        return self.texts("accuracy_judged", standing=self.texts(f"standing_{own.standing}"), by=by)
+        corrected = self.found.rig.calibrated and own.limit != "tolerance"
+        which = "accuracy_uncorrected" if corrected else "accuracy_judged"
+        return self.texts(which, standing=self.texts(f"standing_{own.standing}"), by=by)
 
     @property
     def next_step(self) -> str:
@@ -158,7 +162,13 @@ class AnswerWords:
                 return texts("says_ambiguous", faults=self._listed(found.standing, self._alternatives))
             case "outside_library" if count:
                 return texts("says_outside_beside", faults=faults, **left)
-        return texts(f"says_{found.condition}", **left)
+        return " ".join(filter(None, [texts(f"says_{found.condition}", **left), self._held()]))
+
+    def _held(self) -> str:
+        """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
+        held = list(dict.fromkeys(map(self.noun, self.found.rig.effects)))
+        more = [self.texts("and_more", count=len(held) - _MOST_NAMED)] if len(held) > _MOST_NAMED else []
+        return self.texts("already_held", effects="; ".join([*held[:_MOST_NAMED], *more])) if held else ""
 
     def _large(self) -> str:
         """What makes more than a third of the error and is no fault, as a sentence; empty where nothing does."""
