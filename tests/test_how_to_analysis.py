@@ -27,7 +27,6 @@ def with_measurement(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, li
     return tree, followed(MEASUREMENT, tree)
 
 
-@pytest.mark.timeout(300)
 def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tuple[Path, list[str]]) -> None:
     tree, files = with_effect
     checked(tree, files)
@@ -36,7 +35,6 @@ def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tupl
     assert "8 passed" in output(tree, *PYTEST, "-k", chosen, "tests/rigs/test_gauge_bow.py", contract, timeout_s=250)
 
 
-@pytest.mark.timeout(300)
 def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[Path, list[str]]) -> None:
     tree, _ = with_effect
     said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"), timeout_s=250)
@@ -51,7 +49,6 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
     assert "cannot correct" in corrected["effects"][0]["reason"]
 
 
-@pytest.mark.timeout(300)
 def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
     tree, files = with_measurement
     checked(tree, files)

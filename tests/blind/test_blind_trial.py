@@ -19,7 +19,6 @@ CASES = [
 """Development seeds of the real world."""
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(("kind", "seed", "condition"), CASES)
 def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind: str, seed: int, condition: str, blind_root: Path) -> None:
     job = Job(kind, seed, "limits", blind_root, world="real")

@@ -4,7 +4,6 @@
 """
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures.quantity import Quantity
 from rigs.errors import FileError
+from tests.support.made_once import made_once
 from tests.support.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, disturbed, gauge_times, noise_of, rows
 from tests.support.planted.circles import (
     Outcome,
@@ -34,7 +34,7 @@ CELLS |= {("pose", "tracker alone"): 12}
 """How many cells of each test and kind of noise; one takes long where there are two runs and their pair."""
 
 
-@cache
+@made_once
 def _points(test: str, kind: str) -> tuple[Point, ...]:
     seeds = range(FIRST, FIRST + CELLS[test, kind])
     return tuple(point for seed in seeds for point in points_of(Job(test, kind, seed, laps=2, rows=720)))
