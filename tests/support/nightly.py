@@ -6,10 +6,9 @@ from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import pytest
-from _pytest.mark.structures import ParameterSet
 
 
-def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any], bool]) -> list[ParameterSet]:
+def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any], bool]) -> list[Any]:
     """Return parameters for `pytest.mark.parametrize`, a tuple being a case of several: those that are not among the
     chosen ones are marked `nightly`."""
     chosen = in_each_commit if callable(in_each_commit) else in_each_commit.__contains__
