@@ -77,11 +77,7 @@ def _file(make: Callable[..., object], arguments: object) -> Path:
 @cache
 def _folder() -> Path:
     """The folder of what the files of today make; those that no run has used for long are removed."""
-    files = sorted(path for folder in SOURCES for path in (ROOT / folder).rglob("*") if _is_source(path))
-    whole = hashlib.sha256(sys.version.encode())
-    for path in (ROOT / "scripts" / "requirements.lock", *files):
-        whole.update(f"{path.relative_to(ROOT)}\0{path.stat().st_size}\0".encode() + path.read_bytes())
-    folder = KEPT / whole.hexdigest()[:16]
+    folder = KEPT / source_hash(ROOT)
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
     for other in KEPT.iterdir():
@@ -90,8 +86,15 @@ def _folder() -> Path:
     return folder
 
 
-def _is_source(path: Path) -> bool:
-    return path.is_file() and "__pycache__" not in path.parts
+def source_hash(root: Path) -> str:
+    """The hash of what makes a value in the tree at `root`: names and contents of its sources, and Python."""
+    found = hashlib.sha256(sys.version.encode())
+    files = [path for name in SOURCES for path in (root / name).rglob("*") if path.is_file()]
+    for path in sorted([*(root / "scripts").glob("*.lock"), *files]):
+        if "__pycache__" not in path.parts:
+            content = path.read_bytes()
+            found.update(f"{path.relative_to(root)}\0{len(content)}\0".encode() + content)
+    return found.hexdigest()[:16]
 
 
 @contextmanager

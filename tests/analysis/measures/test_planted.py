@@ -196,7 +196,7 @@ def test_stops_scatter_as_each_target_does() -> None:
 
 
 def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty() -> None:
-    points = [point for seed in range(FIRST, FIRST + 3) for point in points_of(Job("repeated", "white", seed, 2, 720))]
+    points = [point for seed in range(FIRST, FIRST + 2) for point in points_of(Job("repeated", "white", seed, 2, 720))]
     there = [point for point in points if np.isfinite(point.error)]
     assert there, "not every case is refused"
     assert np.mean([abs(point.error) <= 2 * point.u for point in there]) > 0.8

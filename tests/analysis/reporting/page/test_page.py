@@ -188,7 +188,7 @@ def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], 
 
 
 def test_diagnose_writes_the_same_page(runs: list[Path], tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
+    done = CliRunner().invoke(app, ["diagnose", *map(str, runs[:2]), "-o", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.exception
     assert "Base (axis 1) has play of" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
 
