@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,10 @@ def main() -> int:
     parser.add_argument("--numprocesses", "-n", default="auto", help="how many processes (auto: one for each core)")
     own, others = parser.parse_known_args()
     pytest = [sys.executable, "-m", "pytest", "-m", "nightly", "--dist", "worksteal"]
-    return subprocess.run([*pytest, "--numprocesses", own.numprocesses, *others], cwd=ROOT, check=False).returncode
+    # Without it each process would compile and rewrite every module again.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    command = [*pytest, "--numprocesses", own.numprocesses, *others]
+    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
 
 
 if __name__ == "__main__":

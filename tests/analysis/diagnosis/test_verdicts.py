@@ -22,6 +22,7 @@ from analysis.diagnosis.verdict import without_useless
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.simulation.simulate import simulate
+from analysis.traces.loading import Measured
 from rigs.effects import (
     Backlash,
     ClockRate,
@@ -113,25 +114,38 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     assert any(place.why.startswith("reversal") for place in found.where)
 
 
+def _gear(size_deg: float, in_roll_deg: float) -> list[Measured]:
+    """Yaw and roll circles of an arm whose gear errs by a size on each."""
+
+    def gear(amplitude_deg: float) -> tuple[Effect, ...]:
+        return (TransmissionError(axis=1, order=60, amplitude_deg=amplitude_deg, phase_deg=-70),)
+
+    return [*circles(gear(size_deg), seed=19), *circles(gear(in_roll_deg), seed=20, tests=("roll",))]
+
+
+@made_once
+def _apart() -> Diagnosis:
+    return found_in(_gear(0.006, 0.0015))
+
+
 def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder() -> None:
     """An error that is a gear's on each circle, with another size on each, is no gear's."""
-
-    def gear(size_deg: float) -> tuple[Effect, ...]:
-        return (TransmissionError(axis=1, order=60, amplitude_deg=size_deg, phase_deg=-70),)
-
-    runs = [*circles(gear(0.006), seed=19), *circles(gear(0.0015), seed=20, tests=("roll",))]
-    found = found_in(runs)
+    found = _apart()
     (one,) = (one for one in found.effects if name_of(one.effect) == "transmission_error 1")
     sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
     assert sizes == pytest.approx({"yaw": 0.006 / 0.005, "roll": 0.0015 / 0.005}, rel=0.1)
     assert one.contradicted and not one.stands and found.contradicted == (one,) and one not in found.slight
-    apart = one.sd["amplitude_deg"]
     assert found.condition == "outside_library" and found.remainder.um > 0.5 * one.worth_um
     assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.remainder.words
-    alike = found_in([*circles(gear(0.006), seed=19), *circles(gear(0.006), seed=20, tests=("roll",))])
+
+
+@pytest.mark.nightly
+def test_a_name_of_which_set_ups_show_the_same_share_stands_and_is_surer() -> None:
+    (apart,) = (one for one in _apart().effects if name_of(one.effect) == "transmission_error 1")
+    alike = found_in(_gear(0.006, 0.006))
     (one,) = (one for one in alike.effects if name_of(one.effect) == "transmission_error 1")
     assert alike.condition == "named" and one.stands and len(one.shares) == 2
-    assert apart > 5 * one.sd["amplitude_deg"], "set-ups that disagree on a size make it less certain"
+    assert apart.sd["amplitude_deg"] > 5 * one.sd["amplitude_deg"], "set-ups that disagree make a size less certain"
     assert all(abs(share.value - 1) < 3 * share.sd + 0.05 for share in one.shares)
     assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
 
