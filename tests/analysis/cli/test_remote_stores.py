@@ -65,13 +65,17 @@ def store(
 
 
 def ran(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*RIG, *map(str, words)], capture_output=True, text=True, check=False)
+    """A command; in a process of its own where a client of a store starts threads of its own."""
+    texts = [str(word) for word in words]
+    if not any(text.startswith(("s3:", "sftp:")) for text in texts):
+        return command_line.ran(*texts)
+    return subprocess.run([*RIG, *texts], capture_output=True, text=True, check=False)
 
 
 @cache
 def printed_here(*words: str) -> tuple[int, str, str]:
     """What a command over a directory ends with and prints."""
-    done = command_line.ran(*words)
+    done = ran(*words)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -115,11 +119,8 @@ def test_a_command_prints_what_it_prints_of_the_directory(store: tuple[Path, Sto
 @pytest.mark.parametrize("store", ["file"], indirect=True)
 def test_a_page_is_that_of_the_directory(store: tuple[Path, Store], tmp_path: Path) -> None:
     plant, made = store
-    for report, runs, page in (
-        (command_line.ran, f"{plant}/circles", "here.html"),
-        (ran, f"{made.url}/circles", "there.html"),
-    ):
-        assert report("report", runs, "--no-diagnosis", "-o", tmp_path / page).returncode == 0
+    for runs, page in ((f"{plant}/circles", "here.html"), (f"{made.url}/circles", "there.html")):
+        assert ran("report", runs, "--no-diagnosis", "-o", tmp_path / page).returncode == 0
     when = re.compile(r"\d\d:\d\d UTC")  # the page was made
     pages = [when.sub("", (tmp_path / page).read_text()) for page in ("here.html", "there.html")]
     assert pages[1].replace(made.url, str(plant)) == pages[0]
