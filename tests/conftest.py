@@ -1,4 +1,5 @@
-"""What every process of the tests begins with, and when a test that watches real time is repeated."""
+"""What every process of the tests begins with, which tests a night has alone, and when one that watches real time is
+repeated."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.support.stalls import Stalls
 
+pytest_plugins = ["tests.support.cpu_limit"]
 TRIES = 3
 HELD_UP_S = 0.1
 """A shorter stall is no reason for a test that watches real time to fail, unless its marker says so. It is less than
@@ -28,8 +30,12 @@ class HeldUpError(Exception):
     """A test failed after it was held up for longer than it may be, so the failure says nothing about the program."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Repeat tests that watch real time where they were held up, each try with the whole time limit."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave tests of a night out where nobody asks for them, and repeat tests that watch real time where they were held
+    up, each try with the whole time limit."""
+    if "nightly" not in config.option.markexpr:
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("nightly")])
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     for item in items:
         if _real_time(item):
             limit = item.get_closest_marker("timeout")

@@ -1,6 +1,13 @@
-"""What the documents tell a person to type exists: commands, options, files."""
+"""What the documents say is so: commands, options, links, files and functions exist, and pages that are made are what
+their programs print."""
 
+from __future__ import annotations
+
+import ast
+import importlib.util
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -11,10 +18,13 @@ import typer
 import yaml
 from typer.testing import CliRunner
 
+import analysis
 from analysis.cli import app
 from daq.service.rigd import app as rigd_app
+from rigs.arms import arm_names
 from rigs.interfaces import NO_DEFAULT, Interface, known, models, name_of
 from rigs.load import SHIPPED, parse
+from rigs.rig import Rig
 from rigs.schema.gauges import Gauge
 
 ROOT = Path(__file__).parents[1]
@@ -149,3 +159,126 @@ def test_every_option_says_what_it_takes_and_its_default() -> None:
         assert one.help and one.help[0].isupper() and one.help.endswith("."), one.name
         shown = one.required or one.is_flag or one.default not in (None, "", ())
         assert shown or "default: " in one.help, (one.name, one.help)
+
+
+# --- pages that are made
+
+MADE = {"api": "api", "arms": "arms", "interfaces": "interfaces", "rig_file": "rig-file-reference"}
+"""The programs of dev/ that make a page, without _page, and the pages."""
+
+
+@pytest.mark.parametrize("program", MADE)
+def test_the_page_is_what_its_program_prints(program: str) -> None:
+    script = ROOT / "dev" / f"{program}_page.py"
+    page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, encoding="utf-8").stdout
+    assert _page(MADE[program]) == page, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"
+
+
+def _page(name: str) -> str:
+    return (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_the_api_has_every_public_name() -> None:
+    assert [name for name in analysis.__all__ if f"\n### {name}\n" not in _page("api")] == []
+
+
+def test_the_page_of_arms_has_every_arm() -> None:
+    assert [name for name in arm_names() if f"\n| `{name}` |" not in _page("arms")] == []
+
+
+def test_every_key_of_the_schema_has_a_row() -> None:
+    schema: dict[str, Any] = Rig.model_json_schema()
+    written_as_text, chosen_by = {"Line"}, {"interface", "effect"}
+    mappings = [schema, *(one for name, one in schema["$defs"].items() if name not in written_as_text)]
+    keys = {key for one in mappings for key in one["properties"]} - chosen_by
+    assert keys - set(re.findall(r"^\| `(\w+)` \|", _page("rig-file-reference"), re.M)) == set()
+
+
+def test_every_interface_and_effect_has_a_section() -> None:
+    headings = set(re.findall(r"^##+ [\w., ]+: (\w+)$", _page("rig-file-reference"), re.M))
+    effects = {path.stem for path in (ROOT / "rigs" / "effects").glob("*.py")} - {"__init__"}
+    assert headings == {one.name for one in known()} | effects
+
+
+def test_every_link_within_the_page_has_its_heading() -> None:
+    page = _page("rig-file-reference")
+    titles = re.findall(r"^##+ (.*)$", page, re.M)
+    anchors = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+    assert set(re.findall(r"\]\(#([^)]+)\)", page)) <= anchors
+    assert len(anchors) == len(titles), "two sections of one name"
+
+
+def _wire_peers() -> Any:
+    spec = importlib.util.spec_from_file_location("wire_peers", ROOT / "dev" / "wire_peers.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_interface_has_a_row_and_every_peer_an_interface() -> None:
+    names = {one.name for one in known()}
+    rows = [line for line in _page("interfaces").splitlines() if line.startswith("| `")]
+    assert {row.split("`")[1] for row in rows} >= names
+    peers = _wire_peers().PEERS
+    assert {name for peer in peers for name in peer.interfaces} <= names
+    assert all(any(peer.name in row for row in rows) for peer in peers)
+
+
+def test_a_peer_that_disagrees_or_is_absent_is_reported(capsys: Any, monkeypatch: Any) -> None:
+    wire = _wire_peers()
+
+    def disagrees() -> str:
+        raise wire.Disagrees("1.0 where 2.0 was sent")
+
+    def absent() -> str:
+        raise ModuleNotFoundError("no such peer")
+
+    peers = [wire.Peer(name, ("ur_rtde",), "host", check) for name, check in (("a", disagrees), ("b", absent))]
+    monkeypatch.setattr(wire, "PEERS", peers)
+    assert wire.main() == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert "DISAGREES: 1.0 where 2.0" in first and "skipped: no such peer" in second
+    monkeypatch.setattr(wire, "PEERS", peers[1:])
+    assert wire.main() == 0
+
+
+# --- files and functions that pages name
+
+HOW_TO = ROOT / "docs" / "how-to"
+TREES = (ROOT, *(HOW_TO / "examples").iterdir())
+"""Where a file may be: in the tree, or in an example that a page adds to it."""
+_PATH = re.compile(r"`((?:rigs|daq|analysis)/[\w/.]*?)(?::(\w+))?`")
+
+
+def _named(page: Path) -> list[tuple[str, str]]:
+    return sorted(set(_PATH.findall(page.read_text(encoding="utf-8"))))
+
+
+SAMPLE_PAGE = ROOT / "docs" / "how-a-sample-becomes-a-figure.md"
+NAMES = sorted({name for page in (SAMPLE_PAGE, *HOW_TO.glob("*.md")) for name in _named(page)})
+
+
+def _defined(path: Path) -> set[str]:
+    """The classes, functions and constants of a module."""
+    found: set[str] = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        match node:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name) | ast.AnnAssign(target=ast.Name(id=name)):
+                found.add(name)
+            case ast.Assign(targets=targets):
+                found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def test_the_page_of_a_sample_names_its_steps() -> None:
+    names = _named(SAMPLE_PAGE)
+    assert len(names) > 30 and len([name for _, name in names if name]) > 25
+
+
+def test_every_path_and_name_of_a_page_exists() -> None:
+    for path, name in NAMES:
+        found = next((tree / path for tree in TREES if (tree / path).exists()), None)
+        assert found is not None, f"{path} is neither in the tree nor in an example"
+        assert not name or name in _defined(found), f"{path} defines no {name}"

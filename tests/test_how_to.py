@@ -22,6 +22,7 @@ class Page:
     least_hz: float
 
 
+pytestmark = pytest.mark.cpu_limit(300)  # checks of a whole tree, in processes of their own
 PAGES = [
     Page("add-a-gauge.md", "example_dial", "g1", 10.0),
     Page("add-a-robot-interface.md", "example_arm", "robot", 200.0),

@@ -11,6 +11,7 @@ import yaml
 
 from tests.support.how_to import checked, commands, followed, output
 
+pytestmark = pytest.mark.cpu_limit(300)  # commands and checks of a whole tree, in processes of their own
 EFFECT, MEASUREMENT = "add-an-effect.md", "add-a-measurement.md"
 PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 
@@ -27,16 +28,24 @@ def with_measurement(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, li
     return tree, followed(MEASUREMENT, tree)
 
 
-@pytest.mark.timeout(300)
 def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tuple[Path, list[str]]) -> None:
     tree, files = with_effect
     checked(tree, files)
     contract = "tests/rigs/test_effect_contract.py::test_every_effect_keeps_the_contract"
     chosen = "gauge_bow and not in_a_plan"  # the commands of the page plan with it
-    assert "8 passed" in output(tree, *PYTEST, "-k", chosen, "tests/rigs/test_gauge_bow.py", contract, timeout_s=250)
+    assert "8 passed" in output(
+        tree,
+        *PYTEST,
+        "-m",
+        "nightly or not nightly",
+        "-k",
+        chosen,
+        "tests/rigs/test_gauge_bow.py",
+        contract,
+        timeout_s=250,
+    )
 
 
-@pytest.mark.timeout(300)
 def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[Path, list[str]]) -> None:
     tree, _ = with_effect
     said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"), timeout_s=250)
@@ -51,7 +60,6 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
     assert "cannot correct" in corrected["effects"][0]["reason"]
 
 
-@pytest.mark.timeout(300)
 def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
     tree, files = with_measurement
     checked(tree, files)

@@ -30,7 +30,6 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work
 
 
-@pytest.mark.timeout(300)
 def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> None:
     for line in blocks("sh")[0].splitlines():
         _, *words = shlex.split(line, comments=True)
@@ -44,7 +43,6 @@ def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> N
     assert re.search(r"robot-002 +yaw +4 ", done.stdout), done.stdout
 
 
-@pytest.mark.timeout(300)
 def test_every_command_over_a_store_runs(work: Path, tmp_path: Path) -> None:
     for package in ("s3fs", "boto3", "moto", "sshfs", "asyncssh"):
         pytest.importorskip(package, reason=f"{package} is not installed: pip install s3fs sshfs 'moto[server]'")

@@ -24,7 +24,6 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-@pytest.mark.timeout(300)
 def test_the_table_is_what_the_simulator_gives() -> None:
     lines = table()
     begin = PAGE.index(lines[0])

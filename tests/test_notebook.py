@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 
 
@@ -33,7 +31,6 @@ def test_the_first_picture_takes_five_lines() -> None:
     assert len([line for line in first.splitlines() if line]) == 5
 
 
-@pytest.mark.timeout(600)
 def test_first_steps_names_the_hidden_play(tmp_path: Path) -> None:
     told = _run("\n".join(_code(ROOT / "docs/notebook/first-steps.ipynb")), tmp_path).splitlines()
     assert "named" in told

@@ -19,7 +19,7 @@ def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.cpu_limit(300)
 def test_the_wheel_works_in_an_empty_environment() -> None:
     done = _run(sys.executable, ROOT / "dev" / "wheel.py")
     if done.returncode == OFFLINE:

@@ -17,6 +17,7 @@ from analysis.traces.loading import load_measured
 from rigs.load import load
 from tests.support import stranger
 from tests.support.blind import trial
+from tests.support.nightly import cases
 from tests.support.stranger.faults import SIGNED, Fault
 from tests.support.stranger.names import everything
 from tests.support.stranger.real import noise as noises
@@ -189,7 +190,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], tuple
     return case
 
 
-@pytest.mark.parametrize("kind", [kind for kind in stranger.REAL_KINDS if kind not in ("rate_500", "rate_4000")])
+@pytest.mark.parametrize(
+    "kind",
+    cases(
+        (kind for kind in stranger.REAL_KINDS if kind not in ("rate_500", "rate_4000")), ("one", "two", "foreign_third")
+    ),
+)
 def test_cases_of_each_kind_are_what_they_say(
     kind: str, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
 ) -> None:
@@ -227,6 +233,7 @@ def test_a_case_is_fixed_by_kind_and_seed(
     assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
 
 
+@pytest.mark.nightly
 def test_rates_differ_in_nothing_but_the_rate(made: Callable[[str, int], tuple[Path, dict[str, Any]]]) -> None:
     (slow, a), (quick, b) = made("rate_50", 3), made("rate_500", 3)
     assert [one["parameters"] for one in a["hidden"]] == [one["parameters"] for one in b["hidden"]]

@@ -14,7 +14,9 @@ ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "ipa-ur10"
 pytestmark = [
     pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here"),
-    pytest.mark.timeout(900),
+    pytest.mark.nightly,  # 50 s of processor time
+    pytest.mark.timeout(1800),
+    pytest.mark.cpu_limit(600),
 ]
 
 

@@ -34,7 +34,7 @@ def changed(name: str, seed: int = 0) -> Rig:
     return load("ur10e")[0].model_copy(update={"robot": robot, "effects": tuple(effects)})
 
 
-def within_limits(rig: Rig, n: int = 100) -> np.ndarray:
+def within_limits(rig: Rig, n: int = 20) -> np.ndarray:
     """Random joint angles (n, 6) rad within the limits."""
     low, high = np.radians([axis.limits_deg for axis in rig.robot.axes]).T
     return np.random.default_rng(5).uniform(low, high, (n, 6))

@@ -19,6 +19,7 @@ from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
+from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import SetUp, model_of, moved, nominal_setup, path_of
@@ -31,6 +32,7 @@ from rigs.effects import Effect, JointOffset
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
+from tests.support.made_once import made_once
 
 Array = NDArray[np.float64]
 RIG, TEXT = load("paper-fanuc")
@@ -110,6 +112,12 @@ def found_in(
 ) -> Diagnosis:
     """The diagnosis of runs."""
     return diagnose(rig, runs, held_out, unseen, lambda doing: None)
+
+
+@made_once
+def plan_of_circles() -> Plan:
+    """What a yaw and a roll circle of the paper's robot can tell of all effects."""
+    return plan(RIG, ("yaw", "roll"))
 
 
 def seen(runs: Sequence[Measured]) -> list[ObservedRun]:

@@ -19,7 +19,6 @@ from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.diagnosis import Named
 from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import observe_run
-from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.refine import refine
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.calibrate import calibrate
@@ -34,14 +33,12 @@ from analysis.traces.tables import CircleTable
 from rigs.effects import VOCABULARY, Effect, Found, bounds, size_field
 from rigs.errors import FileError
 from rigs.extend import extended
-from rigs.load import load, load_hidden, parse
+from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, label_of, name_of, scaled
 from rigs.schema.scene import STAGES
+from tests.support.diagnosis_cells import RIG, TEXT, WAYS, plan_of_circles
 
-RIG, TEXT = load("paper-fanuc")
-RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": ()})
-WAYS = ("cw", "acw")
 TIMES = 20.0
 """Healthy sizes of a fault: real ones have some 5 to 100."""
 
@@ -142,17 +139,12 @@ def near(found: Effect, planted: Effect, sd: float) -> None:
     assert off < 5 * sd + 0.15 * size_of(planted), (found, planted, sd)
 
 
-@cache
-def planned() -> Plan:
-    """What a yaw and a hemisphere test can tell of all effects."""
-    return plan(RIG, ("yaw", "radial"), 2)
-
-
 def in_a_plan(name: str) -> None:
     """It stands in a plan, unless it is looked for in the time of each run."""
-    names = {sight.effect.effect for sight in planned().detectabilities}
+    planned = plan_of_circles()
+    names = {sight.effect.effect for sight in planned.detectabilities}
     assert (name in names) != (VOCABULARY[name].swinging(5.0, 0.01) is not None)
-    assert all(row["unit"] is not None for row in plan_report.as_object(planned())["effects"])
+    assert all(row["unit"] is not None for row in plan_report.as_object(planned)["effects"])
 
 
 def diagnosed(name: str) -> None:

@@ -41,6 +41,8 @@ def followed(page: str, tree: Path) -> list[str]:
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", "corpus"))
     for name in FILES:
         shutil.copy(ROOT / name, tree)
+    if (checked_before := ROOT / ".mypy_cache").is_dir():  # the types of what the page leaves as it is
+        shutil.copytree(checked_before, tree / ".mypy_cache")
     (copy,) = (block for block in blocks(page, "sh") if block.startswith("cp "))
     example = HOW_TO / copy.split()[2].removeprefix("docs/how-to/")
     new = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]

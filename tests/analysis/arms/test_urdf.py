@@ -13,6 +13,7 @@ from analysis.arms.robot_section import flange_poses, parsed
 from analysis.arms.urdf import import_urdf
 from rigs.arms import load_arm
 from rigs.errors import CellError, FileError
+from tests.support.nightly import cases
 from tests.support.second_sources import SOURCES, Chain
 
 CHAINS = {
@@ -36,7 +37,7 @@ def urdf(folder: Path, text: str) -> Path:
     return file
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", cases(CHAINS, list(CHAINS)[::3]))
 def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) -> None:
     chain = CHAINS[name]
     arm = import_urdf(urdf(tmp_path, chain.urdf()))

@@ -24,6 +24,7 @@ from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
+from tests.support.nightly import cases
 
 COUPLED = [name for name in arm_names() if np.count_nonzero(load_arm(name).robot.coupling) > 6]
 PLAIN = [name for name in arm_names() if name not in COUPLED]
@@ -98,7 +99,7 @@ def test_two_readers_have_the_poses_of_the_model(name: str) -> None:
     require_equal(poses, expected)
 
 
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize("name", cases(PLAIN, PLAIN[::3]))
 def test_what_is_imported_again_has_the_same_poses_limits_and_masses(name: str, tmp_path: Path) -> None:
     rig = changed(name, seed=1)
     file = tmp_path / "arm.urdf"

@@ -173,7 +173,6 @@ def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs: int, tmp_path: 
     assert not list(place.iterdir())
 
 
-@pytest.mark.timeout(60)
 def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path: Path, run: Path, place: Path) -> None:
     signed = tmp_path / "signed"
     (failed,) = each(partial(killed_over, signed), [location(url_of(run))])

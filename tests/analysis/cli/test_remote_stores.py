@@ -9,11 +9,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from tests.support import command_line
 from tests.support.dask_cluster import cluster
 from tests.support.plant_runs import known_robot, write_visits
 from tests.support.remote_stores import Store, s3_store, sftp_store
@@ -64,10 +65,14 @@ def store(
 
 
 def ran(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*RIG, *map(str, words)], capture_output=True, text=True, check=False)
+    """A command; in a process of its own where a client of a store starts threads of its own."""
+    texts = [str(word) for word in words]
+    if not any(text.startswith(("s3:", "sftp:")) for text in texts):
+        return command_line.ran(*texts)
+    return subprocess.run([*RIG, *texts], capture_output=True, text=True, check=False)
 
 
-@lru_cache
+@cache
 def printed_here(*words: str) -> tuple[int, str, str]:
     """What a command over a directory ends with and prints."""
     done = ran(*words)
@@ -83,29 +88,45 @@ def printed_there(plant: Path, url: str, *words: object) -> tuple[int, str, str]
     return done.returncode, out, err
 
 
-@pytest.mark.timeout(300)
-def test_every_command_prints_what_it_prints_of_the_directory(store: tuple[Path, Store], tmp_path: Path) -> None:
+COMMANDS = {
+    "analyse": ("analyse {} --lines", "--jobs 2"),
+    "verify": ("verify {}", ""),
+    "json": ("analyse {}/robot-002 --json", ""),
+    "fleet": ("fleet {}", "--jobs 2"),
+    "history": ("history robot-001 --data {} --json", ""),
+}
+"""Each with what it is told of a store besides."""
+
+
+@pytest.mark.parametrize(
+    ("store", "command"),
+    [
+        pytest.param(kind, name, marks=() if kind == "file" or name == "analyse" else pytest.mark.nightly)
+        for kind in NEEDS
+        for name in COMMANDS
+    ],
+    indirect=["store"],
+)
+def test_a_command_prints_what_it_prints_of_the_directory(store: tuple[Path, Store], command: str) -> None:
+    """Of other stores than a directory the commands know no more than the copies of its files."""
     plant, made = store
-    commands = [
-        (["verify", "{}"], []),
-        (["analyse", "{}", "--lines"], ["--jobs", "2"]),
-        (["analyse", "{}/robot-002", "--json"], []),
-        (["fleet", "{}"], ["--jobs", "2"]),
-        (["history", "robot-001", "--data", "{}", "--json"], []),
-    ]
-    for words, more in commands:
-        here = printed_here(*(word.format(plant) for word in words))
-        there = printed_there(plant, made.url, *(word.format(made.url) for word in words), *more)
-        assert there == here and here[1], words
-    report = ("--no-diagnosis", "--jobs", "2", "-o")
+    words, more = (text.split() for text in COMMANDS[command])
+    here = printed_here(*(word.format(plant) for word in words))
+    there = printed_there(plant, made.url, *(word.format(made.url) for word in words), *more)
+    assert there == here and here[1]
+
+
+@pytest.mark.parametrize("store", ["file"], indirect=True)
+def test_a_page_is_that_of_the_directory(store: tuple[Path, Store], tmp_path: Path) -> None:
+    plant, made = store
     for runs, page in ((f"{plant}/circles", "here.html"), (f"{made.url}/circles", "there.html")):
-        assert ran("report", runs, *report, tmp_path / page).returncode == 0
+        assert ran("report", runs, "--no-diagnosis", "-o", tmp_path / page).returncode == 0
     when = re.compile(r"\d\d:\d\d UTC")  # the page was made
     pages = [when.sub("", (tmp_path / page).read_text()) for page in ("here.html", "there.html")]
     assert pages[1].replace(made.url, str(plant)) == pages[0]
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.parametrize("store", ["file", "s3", pytest.param("sftp", marks=pytest.mark.nightly)], indirect=True)
 def test_what_has_not_changed_is_not_read_again(store: tuple[Path, Store], tmp_path: Path) -> None:
     plant, made = store
     reading = "{} of them read (new, changed, or unreadable the last time)"
@@ -124,11 +145,10 @@ def test_what_has_not_changed_is_not_read_again(store: tuple[Path, Store], tmp_p
         touched.write_text(text)
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.parametrize("store", ["s3", "sftp"], indirect=True)
 def test_a_store_that_is_lost_is_one_line_and_what_was_done_stays(store: tuple[Path, Store]) -> None:
     _, made = store
-    if made.process is None:
-        pytest.skip("a directory does not lose its connection")
+    assert made.process
     command = [*RIG, "analyse", made.url, "--lines"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout and process.stderr
@@ -141,8 +161,11 @@ def test_a_store_that_is_lost_is_one_line_and_what_was_done_stays(store: tuple[P
     assert "secret" not in "".join(errors)
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.parametrize("ends_by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("store", "ends_by"),
+    [("sftp", signal.SIGINT), ("sftp", signal.SIGTERM), ("sftp", signal.SIGHUP), ("s3", signal.SIGINT)],
+    indirect=["store"],
+)
 def test_a_signal_that_ends_it_leaves_no_copy(ends_by: signal.Signals, store: tuple[Path, Store]) -> None:
     _, made = store
     with subprocess.Popen([*RIG, "verify", made.url], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -154,7 +177,9 @@ def test_a_signal_that_ends_it_leaves_no_copy(ends_by: signal.Signals, store: tu
     assert process.returncode == (130 if ends_by is signal.SIGINT else -ends_by)
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.parametrize(
+    "store", [*(pytest.param(kind, marks=pytest.mark.nightly) for kind in ("file", "s3")), "sftp"], indirect=True
+)
 def test_dask_workers_read_the_store_themselves(store: tuple[Path, Store], tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     plant, made = store

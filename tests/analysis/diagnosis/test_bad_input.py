@@ -123,8 +123,6 @@ def test_targets_that_are_read_while_the_robot_moves_are_counted() -> None:
     (doubt,) = [doubt for doubt in found.doubts if "wild" in doubt]
     assert doubt.startswith(f"{len(left[::9])} of {len(left)} readings at the targets of radial are wild, up to 7.")
     assert found.train.after_um < 500, "they do not judge the model"
-    sound = found_in([measured(table, "radial", "radial")])
-    assert not _has_doubt(sound, "wild")
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
@@ -132,7 +130,7 @@ def test_targets_alone_draw_no_name_of_a_healthy_robot(test: str) -> None:
     run = measured(table_of(test, None, 28), test, test)  # type: ignore[arg-type]
     found = found_in([run])
     assert found.condition in ("nothing_unusual", "not_testable_here") and found.effects == ()
-    assert _has_doubt(found, "no circle")
+    assert _has_doubt(found, "no circle") and not _has_doubt(found, "wild")
     assert found.maps and not found.curves
 
 
@@ -194,11 +192,6 @@ def test_a_run_of_which_every_pose_is_wild_is_left_out() -> None:
     assert found.condition == "named" and _has_doubt(found, "poses of pose are wild, up to ")
 
 
-def test_nothing_is_outside_the_library_where_nothing_is_left() -> None:
-    found = found_in(circles(seed=39))
-    assert found.condition == "nothing_unusual"
-
-
 def test_runs_about_two_balls_have_two_set_ups() -> None:
     assert RIG.tests.circle
     circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (0.0, 0.0, 0.0)})
@@ -238,14 +231,3 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     found = diagnose(RIG.model_copy(update={"tests": far}), runs, [], [], lambda doing: None)
     assert found.condition == "ambiguous" and found.next_test is None
     assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)
-
-
-@pytest.mark.parametrize(
-    ("effects", "tolerance_um", "standing", "names"), [((), 0.0, "fail", set()), ((PLAY,), 1e4, "pass", {"backlash 1"})]
-)
-def test_a_tolerance_neither_makes_a_name_nor_takes_one_away(
-    effects: tuple[Effect, ...], tolerance_um: float, standing: str, names: set[str]
-) -> None:
-    found = diagnose(RIG, circles(effects, seed=37), [], [], lambda doing: None, tolerance_um)
-    assert (found.accuracy.standing, found.accuracy.limit) == (standing, "tolerance")
-    assert _sure_of(found) == names

@@ -4,7 +4,6 @@ what an effect does."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import pytest
 
@@ -13,18 +12,19 @@ from analysis.diagnosis.diagnosis import Diagnosis
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.schema.effect import label_of, name_of
 from tests.support.diagnosis_cells import circles, found_in, poses
+from tests.support.made_once import made_once
 
 PLAY = Backlash(axis=1, width_deg=0.02, transit=0.2)
 SOFT = Compliance(axis=3, deg_per_Nm=29 * 5e-5, payload_kg=5.0)
 BOTH = (JointOffset(axis=2, offset_deg=0.8), JointOffset(axis=3, offset_deg=0.2))
 
 
-@cache
+@made_once
 def _of_circles(*effects: Effect) -> Diagnosis:
     return found_in(circles(effects, seed=14))
 
 
-@cache
+@made_once
 def _of_poses(*off: JointOffset) -> Diagnosis:
     return found_in([poses(2, *off)])
 

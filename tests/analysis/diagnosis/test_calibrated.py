@@ -20,6 +20,7 @@ from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry
 from rigs.load import load
 from tests.support.diagnosis_cells import RIG, TEXT, circles, found_in, poses, seen
 from tests.support.handmade_calibration import calibrated_model
+from tests.support.made_once import made_once
 
 USUAL: tuple[Effect, ...] = (
     JointOffset(axis=2, offset_deg=0.012),
@@ -38,7 +39,7 @@ def _searched() -> SearchResult:
     return search(seen(circles(USUAL, seed=61)), lambda doing: None)
 
 
-@cache
+@made_once
 def _found() -> Diagnosis:
     return found_in(circles((PLAY, *USUAL), seed=62), held_out=circles((PLAY, *USUAL), seed=63, count=1))
 

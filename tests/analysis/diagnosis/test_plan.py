@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,12 +15,13 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.background import background_of
 from analysis.diagnosis.columns import columns_for
-from analysis.diagnosis.expected_posterior import expected_posterior
+from analysis.diagnosis.detectability import detectabilities_of
+from analysis.diagnosis.expected_posterior import ExpectedPosterior, expected_posterior
 from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.refine import refine
-from analysis.diagnosis.separating_tests import SeparatingTest, possible_tests, separating
+from analysis.diagnosis.separating_tests import PossibleTest, possible_tests, separating
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
@@ -28,12 +29,11 @@ from analysis.reporting.plan_report import as_table
 from analysis.simulation.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
 from rigs.errors import FileError, UseError
-from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
+from tests.support.diagnosis_cells import RIG, plan_of_circles
 
-RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0]).model_copy(update={"effects": ()})
 NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
 ZERO_5, A5 = JointOffset(axis=5, offset_deg=0.02), LinkGeometry(axis=6, field="a", delta=0.2)
@@ -42,7 +42,19 @@ FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", d
 
 @pytest.fixture(scope="module")
 def circle_alone() -> Plan:
-    return plan(RIG, CIRCLE)
+    return plan_of_circles()
+
+
+@cache
+def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
+    """What runs of the paper's robot will tell of each name."""
+    return expected_posterior(*planned_blocks(RIG, tests, runs))
+
+
+@cache
+def _beside_a_hemisphere() -> list[PossibleTest]:
+    """What can be driven besides by an arm that has no circle."""
+    return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
 
 
 def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: Plan) -> None:
@@ -54,10 +66,6 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: P
     for one in circle_alone.detectabilities:
         if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
             assert f"{one.limit:.2g}" in joints, one.name
-
-
-def _parted(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName]) -> tuple[SeparatingTest, ...]:
-    return separating(possible_tests(rig, tests, *planned_blocks(rig, tests, 3))[0], effects)
 
 
 def _with_circle(**changed: object) -> Rig:
@@ -112,9 +120,9 @@ def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: Plan)
 
 
 def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() -> None:
-    few, many = plan(NO_CIRCLE, ("radial",), runs=1), plan(NO_CIRCLE, ("radial",), runs=4)
-    seen = {one.name: one for one in many.detectabilities}
-    for one in few.detectabilities:
+    (_, few), (_, many) = (detectabilities_of(_expected(("radial",), runs)) for runs in (1, 4))
+    seen = {one.name: one for one in many}
+    for one in few:
         if np.isfinite(one.sd):
             # What a healthy arm shows of everything else is there in each run.
             assert 0.99 < one.sd / seen[one.name].sd < 2.01, one.name
@@ -132,8 +140,7 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
     ids=lambda fault: fault.effect,
 )
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
-    blocks, setups = planned_blocks(RIG, CIRCLE, 3)
-    expected = expected_posterior(blocks, setups)
+    expected = _expected(CIRCLE)
     columns = columns_for(expected.linear, expected.candidates)
     variance = columns.variance(1.0)
     for form in columns.forms:
@@ -168,23 +175,24 @@ def test_a_rival_may_take_any_size_sign_and_phase() -> None:
         (gear, gear.model_copy(update={"phase_deg": 100.0, "amplitude_deg": 0.02})),
         (LinkGeometry(axis=2, field="d", delta=0.2), LinkGeometry(axis=3, field="d", delta=-0.5)),
     ):
-        (found,) = _parted(NO_CIRCLE, [one, other], ["radial"])
+        (found,) = separating(_beside_a_hemisphere(), [one, other])
         assert found.sigma < 0.05
     large = gear.model_copy(update={"amplitude_deg": 0.1})
-    (found,) = _parted(NO_CIRCLE, [large, large.model_copy(update={"order": 3.0})], ["radial"])
+    (found,) = separating(_beside_a_hemisphere(), [large, large.model_copy(update={"order": 3.0})])
     assert found.sigma > SEPARABLE
 
 
 def test_of_three_rivals_the_nearest_two_count() -> None:
-    (pair,) = _parted(NO_CIRCLE, [ZERO_5, A5], ["radial"])
-    (third,) = _parted(NO_CIRCLE, [ZERO_5, JointOffset(axis=3, offset_deg=0.02), A5], ["radial"])
+    (pair,) = separating(_beside_a_hemisphere(), [ZERO_5, A5])
+    (third,) = separating(_beside_a_hemisphere(), [ZERO_5, JointOffset(axis=3, offset_deg=0.02), A5])
     assert third.sigma == pytest.approx(pair.sigma)
 
 
 def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
-    found = separating(possible_tests(RIG, ["pose"], [], {})[0], FAULTS)
+    possible = possible_tests(NO_CIRCLE, ["pose"], [], {})[0]
+    found = separating(possible, FAULTS)
     assert "radial" in " ".join(one.test for one in found) and found[0].sigma > 0
-    assert separating(possible_tests(RIG, ["pose"], [], {})[0], [ZERO_5]) == ()
+    assert separating(possible, [ZERO_5]) == ()
 
 
 def test_a_circle_that_cannot_be_driven_is_refused() -> None:

@@ -26,6 +26,7 @@ from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
+from tests.support.made_once import made_once
 
 RIG, TEXT = load("paper-fanuc")
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
@@ -42,12 +43,18 @@ def _some(every: CircleCandidates, words: Sequence[str]) -> CircleCandidates:
     return CircleCandidates(found, every.refused)
 
 
-@pytest.fixture(scope="module")
-def proposed(every: CircleCandidates) -> Proposal:
-    """Of two circles: each takes seconds to look at."""
+@made_once
+def _of_two_circles() -> Proposal:
+    """Each takes seconds to look at."""
+    some = _some(circle_candidates(RIG, CIRCLE, 3), SEVERAL)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(proposals, "circle_candidates", lambda *_: _some(every, SEVERAL))
+        patch.setattr(proposals, "circle_candidates", lambda *_: some)
         return propose(RIG, CIRCLE, 3, 120.0)
+
+
+@pytest.fixture(scope="module")
+def proposed() -> Proposal:
+    return _of_two_circles()
 
 
 def test_why_a_circle_is_refused_does_not_depend_on_words(

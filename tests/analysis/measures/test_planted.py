@@ -4,7 +4,6 @@
 """
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures.quantity import Quantity
 from rigs.errors import FileError
+from tests.support.made_once import made_once
 from tests.support.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, disturbed, gauge_times, noise_of, rows
 from tests.support.planted.circles import (
     Outcome,
@@ -34,7 +34,7 @@ CELLS |= {("pose", "tracker alone"): 12}
 """How many cells of each test and kind of noise; one takes long where there are two runs and their pair."""
 
 
-@cache
+@made_once
 def _points(test: str, kind: str) -> tuple[Point, ...]:
     seeds = range(FIRST, FIRST + CELLS[test, kind])
     return tuple(point for seed in seeds for point in points_of(Job(test, kind, seed, laps=2, rows=720)))
@@ -196,7 +196,7 @@ def test_stops_scatter_as_each_target_does() -> None:
 
 
 def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty() -> None:
-    points = [point for seed in range(FIRST, FIRST + 3) for point in points_of(Job("repeated", "white", seed, 2, 720))]
+    points = [point for seed in range(FIRST, FIRST + 2) for point in points_of(Job("repeated", "white", seed, 2, 720))]
     there = [point for point in points if np.isfinite(point.error)]
     assert there, "not every case is refused"
     assert np.mean([abs(point.error) <= 2 * point.u for point in there]) > 0.8

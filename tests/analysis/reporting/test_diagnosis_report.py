@@ -27,9 +27,12 @@ from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.handmade_diagnosis import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
+from tests.support.nightly import cases
 
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 TEXT = load("paper-fanuc")[1]
+NO_PICTURE: dict[str, Any] = {"curves": (), "maps": ()}
+"""For tests of the other files: a picture of everything takes a second."""
 KEYS = {"condition", "accuracy", "budget", "effects", "remainder", "where", "gap", "setup", "not_testable", "next_test"}
 """Those of docs/diagnosis.md that scripts rely on."""
 
@@ -116,7 +119,7 @@ def test_what_is_no_fault_is_said_with_the_reason_and_without_a_remedy() -> None
 
 
 def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) -> None:
-    found = diagnosis("ambiguous", effects=(ZERO,))
+    found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
     text = " ".join(_printed(found, width=160).split())
     assert "only if it is not link_geometry 5.a: re-master axis 5" in text
     *_, rig_file = write(found, TEXT, tmp_path / "found")
@@ -170,7 +173,7 @@ def test_what_is_not_known_is_null() -> None:
     assert "nan" not in _printed(diagnosis(train=nothing, effects=(odd,), left=left))
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("condition", cases(CONDITIONS, ("ambiguous", "nothing_unusual")))
 def test_every_condition_has_its_picture(condition: Condition, tmp_path: Path) -> None:
     picture(diagnosis(condition, maps=(sphere(), poses()))).savefig(tmp_path / "picture.png", dpi=40)
     assert (tmp_path / "picture.png").stat().st_size > 10_000
@@ -211,7 +214,7 @@ def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
 def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
     condition: Condition, files: int, tmp_path: Path
 ) -> None:
-    written = write(diagnosis(condition, calibrated=calibrated_model()), TEXT, tmp_path)
+    written = write(diagnosis(condition, calibrated=calibrated_model(), **NO_PICTURE), TEXT, tmp_path)
     assert len(written) == files == len(list(tmp_path.iterdir()))
     if files == 4:
         rig, _ = load(written[-1])
@@ -220,7 +223,7 @@ def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
 
 
 def test_only_names_that_stand_go_into_the_rig_file(tmp_path: Path) -> None:
-    written = write(diagnosis("named", effects=(PLAY, SMALL)), TEXT, tmp_path)
+    written = write(diagnosis("named", effects=(PLAY, SMALL), **NO_PICTURE), TEXT, tmp_path)
     assert [effect.effect for effect in load(written[-1])[0].effects] == ["backlash"]
 
 

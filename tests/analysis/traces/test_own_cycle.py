@@ -17,6 +17,7 @@ from daq.store import read_run
 from rigs.schema.serial_gauges import SylvacOptoRS
 from rigs.schema.timing import Timing
 from tests.support.cycling_lap import drive, lap_rig, record
+from tests.support.nightly import cases
 from tests.support.stamped import network, serial
 
 Array = np.ndarray[Any, Any]
@@ -148,8 +149,17 @@ def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, 
         SylvacOptoRS.model_validate({**gauge, "mode": "continuous"})
 
 
-@pytest.mark.parametrize("mode", ["polled", "continuous"])
-@pytest.mark.parametrize(("latency_ms", "stated"), [(0.0, True), (16.0, True), (0.0, False)])
+@pytest.mark.parametrize(
+    ("latency_ms", "stated", "mode"),
+    cases(
+        [
+            (latency_ms, stated, mode)
+            for mode in ("polled", "continuous")
+            for latency_ms, stated in ((0.0, True), (16.0, True), (0.0, False))
+        ],
+        ((0.0, True, "polled"), (16.0, True, "continuous"), (0.0, False, "polled")),
+    ),
+)
 def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
     tmp_path: Path, latency_ms: float, stated: bool, mode: str
 ) -> None:

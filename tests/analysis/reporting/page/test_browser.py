@@ -19,7 +19,6 @@ from tests.support.written_runs import write_simulated
 
 pytestmark = [
     pytest.mark.skipif(not CHROMIUM, reason="there is no chromium here"),
-    pytest.mark.timeout(400),
 ]
 PATIENCE_S = 120.0
 DRAWN = "document.querySelectorAll('.live .main-svg').length >= document.querySelectorAll('.live').length"

@@ -83,6 +83,7 @@ def test_one_lap_each_way_has_the_play_in_the_first_sentence_too(runs: list[Path
     _assert_promises_are_of_one_remedy(found, page)
 
 
+@pytest.mark.nightly
 def test_one_lap_of_one_direction_promises_no_more_than_each_remedy_alone(runs: list[Path]) -> None:
     report = _report(runs[:1])
     found, page = _found(report), rendered(report, texts_of("en"))

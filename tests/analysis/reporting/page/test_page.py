@@ -187,10 +187,15 @@ def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], 
     assert isinstance(refused.exception, UseError) and "FILE.html" in str(refused.exception)
 
 
-def test_diagnose_writes_the_same_page(runs: list[Path], tmp_path: Path) -> None:
+def test_diagnose_writes_the_same_page(
+    runs: list[Path], report: Report, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", lambda *_: report.found)
     done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.exception
-    assert "Base (axis 1) has play of" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    written = _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    first = slice(written.index("Verdict"), written.index("Verdict") + 1500)
+    assert written[first] in _text(page) and "Base (axis 1) has play of" in written
 
 
 def test_acw_and_cw_are_laid_over_each_other_straight_and_polar(report: Report) -> None:
