@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
+from daq import clock
 from daq.acquisition.streams import Stream
 from daq.wire.capture import HEAD, MOST_BYTES, Mark, Piece
 from daq.wire.session import ByteLink
@@ -29,7 +29,7 @@ _ROOM = 200_000
 _WRITE_S = 0.5
 
 
-class CaptureWriter(threading.Thread):
+class CaptureWriter(clock.Thread):
     """Writes the capture of one daemon, from its start to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
@@ -39,7 +39,7 @@ class CaptureWriter(threading.Thread):
         self._lock = threading.Lock()
         self._pieces: deque[Piece] = deque()
         self._left_out: Counter[str] = Counter()
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
         self._open = True
         self._size = 0
 
@@ -58,7 +58,7 @@ class CaptureWriter(threading.Thread):
 
     def add(self, stream: str, mark: Mark, data: bytes) -> None:
         """Record what happens on a stream now."""
-        piece = Piece(time.monotonic_ns(), stream, mark, data)
+        piece = Piece(clock.now_ns(), stream, mark, data)
         with self._lock:
             if self._open and len(self._pieces) < _ROOM:
                 self._pieces.append(piece)
@@ -83,7 +83,7 @@ class CaptureWriter(threading.Thread):
         with self._lock:
             pieces = list(self._pieces)
             self._pieces.clear()
-            now_ns = time.monotonic_ns()
+            now_ns = clock.now_ns()
             pieces += [Piece(now_ns, name, Mark.LEFT_OUT, str(n).encode()) for name, n in self._left_out.items()]
             self._left_out.clear()
         if not self._open:

@@ -7,10 +7,10 @@ goes on while the computer sleeps (CLOCK_BOOTTIME) less monotonic grows by each 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from daq import clock
 from daq.protocol.conversation import Fault, FaultKind
 
 HOST = "host"
@@ -35,15 +35,10 @@ def read_clocks() -> ClockReadings:
 
 
 def _read() -> ClockReadings:
-    before = time.monotonic_ns()
-    wall_ns, boot_ns = time.time_ns(), _boot_ns()
-    after = time.monotonic_ns()
+    before = clock.now_ns()
+    wall_ns, boot_ns = clock.wall_ns(), clock.boot_ns()
+    after = clock.now_ns()
     return ClockReadings((before + after) // 2, wall_ns, boot_ns, after - before)
-
-
-def _boot_ns() -> int:
-    # Linux alone has this clock, and rigd runs nowhere else; other systems import and simulate runs.
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
 
 
 class HostClockMonitor:

@@ -7,10 +7,9 @@ of count 0. Between two attempts the reader pauses, longer each time up to a bou
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Sequence
 
+from daq import clock
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
@@ -27,14 +26,14 @@ _BUSY_S = 0.01
 """A message takes some 30 µs, so this is 300 of them in one read: more than a gauge at 12 kHz brings in 20 ms."""
 
 
-class Reader(threading.Thread):
+class Reader(clock.Thread):
     """Reads one stream into its buffer until it is stopped."""
 
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
         self._stream, self._buffer, self._capture = stream, buffer, capture
         self._link: Link | None = link
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
         """When the present outage began; None while the link is up."""
@@ -88,9 +87,9 @@ class Reader(threading.Thread):
             link.close()
             self._link = None
         self._capture_mark(Mark.LOST, reason)
-        self._buffer.deliver(conversation.lost(time.monotonic_ns()))
+        self._buffer.deliver(conversation.lost(clock.now_ns()))
         if not self._stop_asked.is_set():
-            self._lost_ns = self._lost_ns or time.monotonic_ns()
+            self._lost_ns = self._lost_ns or clock.now_ns()
             self._report(f"{self._stream.port} lost: {reason}; opening it again", 1)
             self._back_off()
 
@@ -99,12 +98,12 @@ class Reader(threading.Thread):
 
         What a stream that floods sends meanwhile waits in the system, and its sender with it where the link is TCP.
         """
-        if time.monotonic() - self._looked_s < _BUSY_S:
+        if clock.now_s() - self._looked_s < _BUSY_S:
             return
-        before_s, self._used_s = self._used_s, time.thread_time()
+        before_s, self._used_s = self._used_s, clock.worked_s()
         if self._used_s - before_s > _BUSY_S:
-            time.sleep(self._used_s - before_s)
-        self._looked_s = time.monotonic()
+            clock.sleep(self._used_s - before_s)
+        self._looked_s = clock.now_s()
 
     def _deliver(self, items: Sequence[Item]) -> None:
         if self._lost_ns is not None and not all(isinstance(item, Fault) for item in items):
@@ -123,10 +122,10 @@ class Reader(threading.Thread):
 
     def _back_off(self) -> None:
         """Back off, doubling up to a bound, without missing a heartbeat."""
-        until = time.monotonic() + self._pause_s
-        while not self._stop_asked.wait(min(0.2, max(0.0, until - time.monotonic()))):
+        until = clock.now_s() + self._pause_s
+        while not self._stop_asked.wait(min(0.2, max(0.0, until - clock.now_s()))):
             self._buffer.beat()
-            if time.monotonic() >= until:
+            if clock.now_s() >= until:
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
 
@@ -134,11 +133,11 @@ class Reader(threading.Thread):
         """End the outage and report how long it was."""
         self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
         self._reasons.clear()
-        self._report(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)
+        self._report(f"{self._stream.port} is back after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
 
     def _capture_mark(self, mark: Mark, text: str) -> None:
         if self._capture:
             self._capture.add(self._stream.name, mark, text.encode("ascii", "replace"))
 
     def _report(self, detail: str, count: int) -> None:
-        self._buffer.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail, count)])
+        self._buffer.deliver([Fault(FaultKind.DISCONNECTED, clock.now_ns(), detail, count)])

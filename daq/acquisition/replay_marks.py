@@ -7,9 +7,9 @@ it becomes a fault of that stream, in the run that is being recorded, and no fig
 from __future__ import annotations
 
 import re
-import time
 from pathlib import Path
 
+from daq import clock
 from daq.protocol.conversation import Fault, FaultKind
 from rigs.errors import FileError
 from rigs.files import read_from
@@ -44,7 +44,7 @@ class ReplayMarks:
         found = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; replay it on a computer that is less busy"
-            found.append((line[1], Fault(FaultKind.OUT_OF_STEP, time.monotonic_ns(), detail)))
+            found.append((line[1], Fault(FaultKind.OUT_OF_STEP, clock.now_ns(), detail)))
         return found
 
     def _lines(self) -> list[str]:

@@ -6,29 +6,28 @@ at once. Readers report their own stalls (`StreamBuffer.beat`); this one says th
 
 from __future__ import annotations
 
-import threading
-import time
 from collections import deque
 
+from daq import clock
 from daq.acquisition.stream_buffer import STALL_NS
 from daq.protocol.conversation import Fault, FaultKind
 
 _SLEEP_S = 0.1
 
 
-class StallWatch(threading.Thread):
+class StallWatch(clock.Thread):
     """Sleeps until `stop`, and keeps a fault for each time it woke up late."""
 
     def __init__(self) -> None:
         super().__init__(name="stalls", daemon=True)
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
 
     def run(self) -> None:
         """Do the work until `stop`: the body of the thread."""
-        before_ns = time.monotonic_ns()
+        before_ns = clock.now_ns()
         while not self._stop_asked.wait(_SLEEP_S):
-            now_ns = time.monotonic_ns()
+            now_ns = clock.now_ns()
             self.note(before_ns, now_ns)
             before_ns = now_ns
 

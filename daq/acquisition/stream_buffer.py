@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
 
 _ROOM = 200_000
@@ -104,7 +104,7 @@ class StreamBuffer:
             taken, self._items = self._items, deque()
             self._waiting = 0
             lost, self._without_room = self._without_room, Counter()
-        items, now_ns = packed(taken), time.monotonic_ns()
+        items, now_ns = packed(taken), clock.now_ns()
         for kind, count in lost.items():
             what = "samples" if kind is FaultKind.DROPPED else "faults"
             items.append(Fault(kind, now_ns, f"{count} {what} found no room while the disk was behind", count))
@@ -112,7 +112,7 @@ class StreamBuffer:
 
     def beat(self) -> None:
         """Note that the reader is still running, and report how long it stood still if it did."""
-        now_ns, before_ns = time.monotonic_ns(), self.heartbeat_ns
+        now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
             what = f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; what came meanwhile is stamped late"
@@ -130,11 +130,11 @@ class StreamBuffer:
 
     def alive(self, within_s: float) -> bool:
         """Return whether the reader completed its loop within this time, or is opening its port."""
-        return self._opening or time.monotonic_ns() - self.heartbeat_ns < within_s * 1e9
+        return self._opening or clock.now_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
         """Return the state of the stream as of now."""
-        now = time.monotonic_ns()
+        now = clock.now_ns()
         with self._lock:
             return StreamState(
                 self.connected,

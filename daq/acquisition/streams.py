@@ -27,7 +27,7 @@ _PATIENCE = 3
 class Stream:
     """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
 
-    dead_s, listens, modem: see `daq.wire.opening.open_link`.
+    dead_s, listens, modem: see `daq.wire.opening.open_link`, which is what opens it unless `opening` is another.
     """
 
     name: str
@@ -38,10 +38,11 @@ class Stream:
     dead_s: float = DEAD_S
     listens: bool = False
     modem: ModemLines | None = None
+    opening: Callable[..., Link] = open_link
 
     def open(self) -> Link:
         """Open the link. Raises CellError with the remedy."""
-        return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens, modem=self.modem)
+        return self.opening(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens, modem=self.modem)
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:

@@ -8,7 +8,6 @@ sent. A person who names the interface has it spoken to as rigd would.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,7 +15,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from daq import feedback
+from daq import clock, feedback
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
 from daq.discovery.attempts import Sends
@@ -111,7 +110,7 @@ def _line_feed(address: str) -> _Tried:
     except CellError as error:
         return _Tried(plain, Trial(error=error))
     except LinkLost as lost:
-        return _Tried(plain, Trial([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), str(lost))]))
+        return _Tried(plain, Trial([Fault(FaultKind.DISCONNECTED, clock.now_ns(), str(lost))]))
     layout = layout_of(arrivals)
     fields = {"fields": layout.fields, "separator": layout.separator} if layout else {}
     read = plain.model_copy(update=fields)
@@ -124,10 +123,10 @@ def _line_feed(address: str) -> _Tried:
 def _heard(address: str) -> list[Arrival]:
     link = open_link(ROBOT, address, NO_LINE)
     try:
-        arrivals, until_s = list[Arrival](), time.monotonic() + _LISTEN_S
-        while (left_s := until_s - time.monotonic()) > 0:
+        arrivals, until_s = list[Arrival](), clock.now_s() + _LISTEN_S
+        while (left_s := until_s - clock.now_s()) > 0:
             if data := link.read(left_s):
-                arrivals.append((data, time.monotonic_ns()))
+                arrivals.append((data, clock.now_ns()))
         return arrivals
     finally:
         link.close()

@@ -11,7 +11,6 @@ import math
 import os
 import termios
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,7 +19,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 from serial.tools import list_ports
 
-from daq import gauges
+from daq import clock, gauges
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
 from daq.discovery.attempts import Attempt, Sends, attempts
@@ -131,9 +130,9 @@ def _tried(
     own_error: tuple[Attempt, Trial] | None = None
     received = 0
     unanswered: set[tuple[bytes, Line]] = set()
-    until_s = time.monotonic() + (_SILENT_S if is_built_in(report.port) else math.inf)
+    until_s = clock.now_s() + (_SILENT_S if is_built_in(report.port) else math.inf)
     for number, attempt in enumerate(tried, 1):
-        if not received and time.monotonic() > until_s:
+        if not received and clock.now_s() > until_s:
             return _nothing(report, 0, number - 1, len(tried))
         answered = best[0] if best else own_error
         if stop.is_set() or (answered and attempt.line != answered[0].line):

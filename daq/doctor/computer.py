@@ -10,10 +10,10 @@ import os
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from daq import clock
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 
 _GB = 1e9
@@ -98,11 +98,11 @@ def slowest_sync_s(folder: Path) -> float:
     with tempfile.TemporaryFile(dir=folder) as file:
         taken = []
         for _ in range(_SYNCS):
-            began = time.monotonic()
+            began = clock.now_s()
             file.write(_BLOCK)
             file.flush()
             os.fsync(file.fileno())
-            taken.append(time.monotonic() - began)
+            taken.append(clock.now_s() - began)
     return max(taken)
 
 

@@ -7,11 +7,11 @@ and again, and judged by `daq.doctor.modbus_ways`.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 
+from daq import clock
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.doctor.modbus_ways import Piece, Place, Way, ways
@@ -52,15 +52,15 @@ class Asker:
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
         """Return the registers; None where they are refused or nothing comes. Raises LinkLost."""
         unit, function = place
-        time.sleep(0.0 if self.wire.numbered else _SILENCE_S)
+        clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
         while self.link.read(0.0):
             pass
         self.wire.frames.clear()
         request = self.wire.numbering(self.wire.request(unit, function, *piece))
         self.link.write(request)
-        until = time.monotonic() + timeout_s
-        while (left_s := until - time.monotonic()) > 0:
-            for message in self.wire.frames.feed(self.link.read(left_s), time.monotonic_ns()):
+        until = clock.now_s() + timeout_s
+        while (left_s := until - clock.now_s()) > 0:
+            for message in self.wire.frames.feed(self.link.read(left_s), clock.now_ns()):
                 if isinstance(message, Fault) or self.wire.asks(message.data) is not None:
                     continue
                 found, number, content = self.wire.open(message.data)
@@ -108,9 +108,9 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 def _sweep(asker: Asker, gauge: ModbusMap, units: range) -> None:
     """Ask every unit for something; those that answer are heard."""
-    until = time.monotonic() + _LONGEST_SWEEP_S
+    until = clock.now_s() + _LONGEST_SWEEP_S
     for unit in (gauge.unit, *units):
-        if time.monotonic() < until and unit not in asker.heard:
+        if clock.now_s() < until and unit not in asker.heard:
             asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
 
 
@@ -119,11 +119,11 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
-        began = time.monotonic()
+        began = clock.now_s()
         for place, piece in pieces:
             if registers := asker.read(place, piece, gauge.timeout_s):
                 seen[place, piece].append(registers)
-        time.sleep(max(0.0, began + PASS_S - time.monotonic()))
+        clock.sleep(max(0.0, began + PASS_S - clock.now_s()))
     return {
         key: {key[1][0] + k: list(held) for k, held in enumerate(zip(*read, strict=True))} for key, read in seen.items()
     }

@@ -7,13 +7,13 @@ of the rig file, the usual ones are tried one after the other.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daq import clock
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
 from daq.doctor.condition import condition_in, of_condition
@@ -122,14 +122,14 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         link = replace(stream, line=line).open()
     except CellError as error:
         return Trial(error=error)
-    counted, items, began = _Counted(link), list[Item](), time.monotonic()
+    counted, items, began = _Counted(link), list[Item](), clock.now_s()
     until, understood = began + patience_s, False
 
     def ended() -> bool:
         nonlocal until, understood
         if not understood and Trial(items).understood:
-            understood, until = True, time.monotonic() + listen_s
-        return time.monotonic() >= until
+            understood, until = True, clock.now_s() + listen_s
+        return clock.now_s() >= until
 
     def deliver(new: Sequence[Item]) -> None:
         link.note_items(new)
@@ -139,11 +139,11 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
     try:
         run_conversation(counted, host, deliver, ended)
     except LinkLost as lost:
-        end.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
+        end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the link was lost: {lost}"))
     finally:
         link.close()
-    items += [*host.lost(time.monotonic_ns()), *link.take_ignored(), *end]  # with the faults that it still holds back
-    return Trial(items, time.monotonic() - began, counted.received, counted.carried)
+    items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # with the faults that it still holds back
+    return Trial(items, clock.now_s() - began, counted.received, counted.carried)
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
@@ -161,7 +161,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
 
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
-        yield from filter(None, (pace(stream, trial) if serial else None, clock(stream.name, trial.samples)))
+        yield from filter(None, (pace(stream, trial) if serial else None, clock_rate(stream.name, trial.samples)))
         yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
@@ -217,7 +217,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     )
 
 
-def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
+def clock_rate(about: str, samples: Sequence[Sample]) -> Finding | None:
     """Compare the rate of the instrument's own clock with this computer's; None for one without a clock.
 
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.

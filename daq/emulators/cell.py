@@ -7,7 +7,6 @@ heard.
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Protocol
 
 import yaml
 
+from daq import clock
 from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
@@ -37,10 +37,10 @@ class Server(Protocol):
 
     port: str
     """As a rig file names it."""
-    plugged: threading.Event
+    plugged: clock.Event
     """Cleared while its cable is pulled."""
 
-    def serve(self, stop: threading.Event) -> None:
+    def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
@@ -86,12 +86,12 @@ class Cell:
         return cell
 
     def __init__(self) -> None:
-        self._stop = threading.Event()
-        self._threads: list[threading.Thread] = []
+        self._stop = clock.Event()
+        self._threads: list[clock.Thread] = []
         self._devices: dict[str, list[Device]] = {}
         self._lines: list[PtyLine] = []
         self._servers: dict[str, Server] = {}
-        self._plugged: dict[str, threading.Event] = {}
+        self._plugged: dict[str, clock.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
         """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
@@ -170,11 +170,11 @@ class Cell:
     def _serve(self, name: str, server: Server) -> str:
         self._servers[name] = server
         self._plugged[name] = server.plugged
-        self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
+        self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 
     def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine, paced: bool) -> str:
-        plugged = self._plugged[name] = threading.Event()
+        plugged = self._plugged[name] = clock.Event()
         plugged.set()
         self._lines.append(line)
 
@@ -192,5 +192,5 @@ class Cell:
                         pass
                     line.plug()
 
-        self._threads.append(threading.Thread(target=serve, name=f"emulated {name}"))
+        self._threads.append(clock.Thread(target=serve, name=f"emulated {name}"))
         return line.port

@@ -48,6 +48,17 @@ def emulated(
     signal: number of the robot's program at a time, shown where the rig's feedback carries one. condition: what the
     robot shows at a time that one which drives undisturbed does not. The rest: see `Cell`.
     """
+    return Cell.open(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
+
+
+def instruments_of(
+    rig: Rig,
+    motion: Motion,
+    signal: Callable[[int], float] = lambda _: 0.0,
+    adversity: Adversity = NONE,
+    condition: Callable[[int], Mapping[str, float]] = lambda _: {},
+) -> dict[str, Callable[[], Device]]:
+    """Return what makes each instrument of a cell, newly for each connection, by the name of its stream."""
     beside = columns_beside_joints(rig.feedback)
 
     def shown(now_ns: int) -> Sequence[float]:
@@ -58,7 +69,7 @@ def emulated(
         return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
 
     devices = {"_".join(group): gauge_device(rig, motion, group, adversity.unsteady) for group in gauge_groups(rig)}
-    return Cell.open(rig, devices | {ROBOT: controller}, adversity, names)
+    return devices | {ROBOT: controller}
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import random
-import time
 from collections import deque
 
+from daq import clock
 from daq.wire.session import ByteLink
 
 
@@ -21,17 +21,17 @@ class LateLink:
 
     def read(self, timeout_s: float) -> bytes:
         """Read from the link, and meanwhile send what is due. Raises LinkLost."""
-        until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
             next_ns = min(until_ns, self._waiting[0][0]) if self._waiting else until_ns
-            data = self._link.read(max(0, next_ns - time.monotonic_ns()) / 1e9)
-            if data or time.monotonic_ns() >= until_ns:
+            data = self._link.read(max(0, next_ns - clock.now_ns()) / 1e9)
+            if data or clock.now_ns() >= until_ns:
                 return data
 
     def write(self, data: bytes) -> None:
         """Take the data, which is sent when it is due. Raises LinkLost."""
-        self._last_ns = max(self._last_ns, time.monotonic_ns() + round(self._random.expovariate(self._rate)))
+        self._last_ns = max(self._last_ns, clock.now_ns() + round(self._random.expovariate(self._rate)))
         self._waiting.append((self._last_ns, data))
         self._send_due()
 
@@ -40,5 +40,5 @@ class LateLink:
         self._link.set_dtr(on)
 
     def _send_due(self) -> None:
-        while self._waiting and self._waiting[0][0] <= time.monotonic_ns():
+        while self._waiting and self._waiting[0][0] <= clock.now_ns():
             self._link.write(self._waiting.popleft()[1])

@@ -15,10 +15,10 @@ from __future__ import annotations
 import os
 import select
 import termios
-import time
 import tty
 from pathlib import Path
 
+from daq import clock
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
 from daq.wire.links import LinkLost
@@ -45,7 +45,7 @@ class PtyLine:
         self._master, self._slave = ends
         self.port = str(name or os.ttyname(self._slave))
         self._line = line
-        self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
+        self._adapter = LatencyTimer(latency_ms, clock.now_ns())
         self._character_ns = line.character_ns if paced else 0
         self._name = name
         self.free_ns = 0
@@ -69,10 +69,10 @@ class PtyLine:
 
     def read(self, timeout_s: float) -> bytes:
         """Return bytes from the host, once the line would have carried them all."""
-        until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
             self._release()
-            if time.monotonic_ns() >= until_ns:
+            if clock.now_ns() >= until_ns:
                 return b""
         try:
             data = os.read(self._master, 4096)
@@ -80,7 +80,7 @@ class PtyLine:
             return b""
         except OSError as error:
             raise LinkLost(str(error)) from None
-        self._wait_until(time.monotonic_ns() + len(data) * self._character_ns)
+        self._wait_until(clock.now_ns() + len(data) * self._character_ns)
         far = self._far_line()
         return heard(data, far, self._line) if far else data
 
@@ -93,7 +93,7 @@ class PtyLine:
         if far := self._far_line():
             data = heard(data, self._line, far)
         begin_ns, self._set_out_ns = self._set_out_ns, None
-        self.free_ns = max(self.free_ns, time.monotonic_ns() if begin_ns is None else begin_ns)
+        self.free_ns = max(self.free_ns, clock.now_ns() if begin_ns is None else begin_ns)
         if not self._character_ns:
             self._adapter.add(data, self.free_ns)
             self._release()
@@ -103,7 +103,7 @@ class PtyLine:
             self.free_ns += self._character_ns
             self._wait_until(self.free_ns)
             # A late wake-up sends what is due by now, as a UART would have.
-            late = max(0, time.monotonic_ns() - self.free_ns) // self._character_ns
+            late = max(0, clock.now_ns() - self.free_ns) // self._character_ns
             due = min(1 + late, len(data) - sent)
             self.free_ns += (due - 1) * self._character_ns
             self._adapter.add(data[sent : sent + due], self.free_ns)
@@ -136,16 +136,16 @@ class PtyLine:
 
     def _wait_until(self, at_ns: int) -> None:
         """Meanwhile the adapter goes on sending."""
-        while time.monotonic_ns() < at_ns:
-            time.sleep(self._pause_s(at_ns))
+        while clock.now_ns() < at_ns:
+            clock.sleep(self._pause_s(at_ns))
             self._release()
 
     def _pause_s(self, until_ns: int) -> float:
         due_ns = self._adapter.due_ns
-        return max(0, (until_ns if due_ns is None else min(due_ns, until_ns)) - time.monotonic_ns()) / 1e9
+        return max(0, (until_ns if due_ns is None else min(due_ns, until_ns)) - clock.now_ns()) / 1e9
 
     def _release(self) -> None:
-        data = self._adapter.take(time.monotonic_ns())
+        data = self._adapter.take(clock.now_ns())
         try:
             if data:
                 os.write(self._master, data)

@@ -9,7 +9,6 @@ When a stream's pieces are played the instrument falls silent (serial) or hangs 
 from __future__ import annotations
 
 import gc
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import yaml
 
+from daq import clock
 from daq.acquisition.replay_marks import out_of_step_line
 from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
@@ -88,7 +88,7 @@ class Replay:
     @property
     def done(self) -> bool:
         """Whether everything has been played."""
-        over = self._time.is_past(time.monotonic_ns(), self._end_ns + _OVER_NS)
+        over = self._time.is_past(clock.now_ns(), self._end_ns + _OVER_NS)
         return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import threading
 from collections.abc import Callable
 
+from daq import clock
 from daq.emulators.late_link import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
@@ -30,12 +30,12 @@ class TcpCaller:
         self._number = number
         self._device = device
         self._jitter_ms = jitter_ms
-        self._hang_up = threading.Event()
-        self.plugged = threading.Event()
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
         self.plugged.set()
         self.port = f"tcp://{_HOST}:{number}"
 
-    def serve(self, stop: threading.Event) -> None:
+    def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a connection ends or is refused, call again."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
@@ -48,7 +48,7 @@ class TcpCaller:
         """End the present connection, and call again soon."""
         self._hang_up.set()
 
-    def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import threading
 from collections.abc import Callable
 
+from daq import clock
 from daq.emulators.late_link import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
@@ -29,14 +29,14 @@ class TcpPort:
     def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self._device = device
         self._jitter_ms = jitter_ms
-        self._hang_up = threading.Event()
-        self.plugged = threading.Event()
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
         self.plugged.set()
         self._server = server
         self._address = self._server.getsockname()
         self.port = f"tcp://127.0.0.1:{self._address[1]}"
 
-    def serve(self, stop: threading.Event) -> None:
+    def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a connection ends, the next is accepted."""
         self._accept(stop)
         while not stop.is_set():
@@ -50,7 +50,7 @@ class TcpPort:
             return False  # somebody's connection was lent the port meanwhile; soon it is free again
         return True
 
-    def _accept(self, stop: threading.Event) -> None:
+    def _accept(self, stop: clock.Event) -> None:
         self._server.settimeout(_ACCEPT_S)
         with self._server:
             while self.plugged.is_set() and not stop.is_set():
@@ -61,7 +61,7 @@ class TcpPort:
                 self._hang_up.clear()
                 self._converse(sock, stop)
 
-    def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import select
 import socket
-import threading
 from collections.abc import Callable
 
+from daq import clock
 from daq.emulators.late_link import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
@@ -35,13 +35,13 @@ class UdpPort:
         self._device = device
         self._jitter_ms = jitter_ms
         self._calls = calls
-        self._hang_up = threading.Event()
-        self.plugged = threading.Event()
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
         self.plugged.set()
         self._number = number
         self.port = f"udp://{_HOST}:{self._number}"
 
-    def serve(self, stop: threading.Event) -> None:
+    def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a conversation ends, the next begins."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
@@ -56,7 +56,7 @@ class UdpPort:
         """End the conversation there is; the next one begins soon."""
         self._hang_up.set()
 
-    def _found_peer(self, sock: socket.socket, stop: threading.Event) -> bool:
+    def _found_peer(self, sock: socket.socket, stop: clock.Event) -> bool:
         """Whether there is somebody to speak to before `stop`; the socket is then connected to him."""
         if self._calls:
             sock.connect((_HOST, self._number))
@@ -67,7 +67,7 @@ class UdpPort:
                 return True
         return False
 
-    def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
 

@@ -5,7 +5,6 @@ A slow disk takes seconds to make its directory. What comes meanwhile is kept, a
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
@@ -13,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from daq import clock
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.plausibility import PlausibilityCheck
 from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
@@ -94,7 +94,7 @@ class Gap:
                 held[chunk.stream] += chunk.rows
             for name, counter in manifest.counters.items():
                 held[name] += counter.get(FaultKind.DROPPED, 0)
-        after, now_ns = f"samples not recorded after {self.previous.name}: {self.why}", time.monotonic_ns()
+        after, now_ns = f"samples not recorded after {self.previous.name}: {self.why}", clock.now_ns()
         lost = +self.missed + (self.taken - held)
         return {name: Fault(FaultKind.DROPPED, now_ns, f"{count} {after}", count) for name, count in lost.items()}
 

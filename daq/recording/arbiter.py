@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
-from datetime import UTC, datetime
 from pathlib import Path
 
+from daq import clock
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Item, Sample
 from daq.recording.active_run import EndedRun
@@ -63,15 +62,15 @@ class Arbiter:
         self._forget_if_ended()
         while self._samples:
             self._execute(self._trigger.feed(self._samples.popleft()))
-        self._execute(self._trigger.tick(time.monotonic_ns()))
+        self._execute(self._trigger.tick(clock.now_ns()))
 
     def start(self, label: Label) -> Path:
         """Start a recording for a person; one that the robot started is ended for it. Raises CellError."""
-        return self._recorder.start_run(Recording(label)).result()
+        return clock.result(self._recorder.start_run(Recording(label)))
 
     def stop(self) -> EndedRun:
         """End a recording for a person, no matter who started it, and wait until it is closed. Raises CellError."""
-        return self._recorder.stop_run().result()
+        return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:
         """Return what the trigger waits for, whether it records, and why it did not; None if it has no rules."""
@@ -120,7 +119,7 @@ class Arbiter:
 
     def _refuse(self, title: str, why: str) -> None:
         self._refused += 1
-        self._why_not = f"{title} at {datetime.now():%H:%M:%S}: {why}"
+        self._why_not = f"{title} at {clock.wall_time().astimezone():%H:%M:%S}: {why}"
         log.warning("no automatic recording of %s: %s", title, why)
 
     def _stop_run(self, stop: StopRun) -> None:
@@ -151,5 +150,5 @@ class Arbiter:
 
 def _name(rule: Rule) -> str:
     """Return a name that is unique and sorts by time: `20261120T101500.250Z-yaw-cw`."""
-    now = datetime.now(UTC)
+    now = clock.wall_time()
     return f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}"

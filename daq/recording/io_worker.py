@@ -8,10 +8,10 @@ and feeding the watchdog.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 
+from daq import clock
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.store import RunWriter
 from daq.store.memory import keep_large_blocks_apart, load_all_of_arrow
@@ -27,8 +27,8 @@ class IoWorker:
         keep_large_blocks_apart()
         load_all_of_arrow()
         self._warnings = warnings
-        self._thread = ThreadPoolExecutor(1, "disk")
-        self._creator = ThreadPoolExecutor(1, "begin")
+        self._thread = clock.one_thread("disk")
+        self._creator = clock.one_thread("begin")
         self._under_way: tuple[Work, Future[None]] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
@@ -40,7 +40,7 @@ class IoWorker:
         if self._under_way is not None:
             work, waiting = self._under_way
             closed_one = work.synced is None
-            self._warnings.warn_slow("closing of a chunk" if closed_one else "sync", time.monotonic() - self._begun_s)
+            self._warnings.warn_slow("closing of a chunk" if closed_one else "sync", clock.now_s() - self._begun_s)
             if not waiting.done():
                 return
             self._under_way = None
@@ -49,7 +49,7 @@ class IoWorker:
         self._submit_next(writer, may_close=not closed_one)
 
     def _submit_next(self, writer: RunWriter, *, may_close: bool) -> None:
-        now = time.monotonic()
+        now = clock.now_s()
         work = writer.begin_roll() if may_close else None
         if work is None and now - self._synced_s >= _SYNC_S:
             self._synced_s, work = now, writer.begin_sync()

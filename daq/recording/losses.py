@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Fault, FaultKind
 from daq.recording.rate_limited_log import RateLimitedLog
@@ -23,7 +23,7 @@ class Losses:
         self.counts += samples
         for name, count in (+samples).items():
             what = f"{count} samples are in no run: {why}"
-            self.report(name, [Fault(FaultKind.DROPPED, time.monotonic_ns(), what, count)])
+            self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), what, count)])
 
     def report(self, name: str, faults: Sequence[Fault]) -> None:
         """Log and count faults of a stream that were found here and are in the run already."""

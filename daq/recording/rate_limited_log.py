@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Sequence
 
+from daq import clock
 from daq.protocol.conversation import Fault
 
 log = logging.getLogger("rigd")
@@ -28,7 +28,7 @@ class RateLimitedLog:
             log.info("%s: %s", name, detail)
             return
         warned_at, suppressed = self._last.get((name, kind), (-1e9, 0))
-        now = time.monotonic()
+        now = clock.now_s()
         if now - warned_at < _INTERVAL_S:
             self._last[name, kind] = (warned_at, suppressed + count)
             return

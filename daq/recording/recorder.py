@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from daq import clock
 from daq.acquisition.pretrigger import PretriggerBuffer
 from daq.acquisition.stream_buffer import StreamBuffer, faults_of
 from daq.protocol.conversation import Fault, Item
@@ -41,7 +41,7 @@ _LEAST_PAUSE_S = 0.1
 """The shortest pause: others wait for the lock to start or stop a recording on a slow disk."""
 
 
-class Recorder(threading.Thread):
+class Recorder(clock.Thread):
     """Owns the run that is being recorded, if any."""
 
     def __init__(
@@ -60,7 +60,7 @@ class Recorder(threading.Thread):
         self._on_items = on_items
         self._pretrigger = PretriggerBuffer(buffers)
         self._lock = threading.Lock()
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
         self._state = State()
         self._runs: dict[int, ActiveRun] = {}
         """Every run that is not closed yet, by its number in the state."""
@@ -78,27 +78,27 @@ class Recorder(threading.Thread):
         self.host.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
-            begun = time.monotonic()
+            begun = clock.now_s()
             self._round()
-            pause_s = max(_LEAST_PAUSE_S, _ROUND_S - (time.monotonic() - begun))
+            pause_s = max(_LEAST_PAUSE_S, _ROUND_S - (clock.now_s() - begun))
         self.host.stop()
         self._round()
 
     def _round(self) -> None:
         with self._lock:
-            begun = time.monotonic()
+            begun = clock.now_s()
             self._pretrigger.trim()
             try:
                 self._drain_buffers(sync=True)
             except NearlyFull as error:
-                self._apply(machine.Failed("interrupted", error.what, time.monotonic()))
+                self._apply(machine.Failed("interrupted", error.what, clock.now_s()))
             except CellError as error:
-                self._apply(machine.Failed("failed", str(error), time.monotonic(), isinstance(error, RunRemoved)))
+                self._apply(machine.Failed("failed", str(error), clock.now_s(), isinstance(error, RunRemoved)))
             for number in [number for number, run in self._runs.items() if run.ended.done()]:
                 del self._runs[number]
                 self._apply(machine.Closed(number))
-            self._apply(machine.Tick(time.monotonic()))
-            self._warnings.warn_slow("write", time.monotonic() - begun)
+            self._apply(machine.Tick(clock.now_s()))
+            self._warnings.warn_slow("write", clock.now_s() - begun)
         self._after_round()
 
     def start_run(self, recording: Recording) -> Future[Path]:
@@ -136,7 +136,7 @@ class Recorder(threading.Thread):
         self.join()
         in_a_run = self._state.run is not None
         try:
-            return self.stop_run(ending, why).result().path
+            return clock.result(self.stop_run(ending, why)).path
         except RigError as error:
             if in_a_run:
                 log.error("%s", error)
@@ -195,7 +195,7 @@ class Recorder(threading.Thread):
         kept, since_ns = {}, None if resumes else recording.since_ns
         if since_ns is not None:
             kept = {name: self._pretrigger.since(name, since_ns) for name in self._buffers}
-        run = self._runs[number] = ActiveRun(recording.label, columns, kept, since_ns or time.monotonic_ns())
+        run = self._runs[number] = ActiveRun(recording.label, columns, kept, since_ns or clock.now_ns())
         if resumes:
             run.gap, self._gap = self._gap, None
         self._io.submit_create(partial(self._create_run, number, run))
@@ -228,7 +228,7 @@ class Recorder(threading.Thread):
 
     def _refused(self, number: int, run: ActiveRun, error: Exception) -> None:
         run.refuse(error)
-        self._apply(machine.Refused(number, time.monotonic()))
+        self._apply(machine.Refused(number, clock.now_s()))
         if not isinstance(error, RigError):
             log.error("recording %s: not started because of an internal error", run.label.name, exc_info=error)
         if run.gap and isinstance(self._state.phase, Waiting):
@@ -287,7 +287,7 @@ class Recorder(threading.Thread):
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
         """Close the run; called in the disk's thread. Those who wait for its end receive the error if it cannot be
         written."""
-        path = run.begun.result()
+        path = clock.result(run.begun)
         try:
             try:
                 run.close(ending, why)

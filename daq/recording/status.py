@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 
+from daq import clock
 from daq.recording import machine
 from daq.recording.active_run import ActiveRun, Gap
 from daq.recording.machine import Reject, Running, State
@@ -40,7 +40,7 @@ def status_of(
         "test": run.label.test,
         "direction": run.label.direction,
         "run": str(run.writer.path),
-        "seconds": round((time.monotonic_ns() - run.since_ns) / 1e9, 1),
+        "seconds": round((clock.now_ns() - run.since_ns) / 1e9, 1),
         "samples": {name: run.counters[name]["samples"] for name in synced},
         "synced": dict(synced),
     }

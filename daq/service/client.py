@@ -10,10 +10,10 @@ import contextlib
 import json
 import socket
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
+from daq import clock
 from daq.service.answers import read_answer
 from daq.service.control import LONGEST_ANSWER, socket_directory
 from daq.service.trust import hold_trusted, peer_user
@@ -46,7 +46,7 @@ class Client:
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Return the daemon's answer. Raises the daemon's own RigError, or CellError if the daemon is gone."""
-        until_s = time.monotonic() + ANSWERS_S
+        until_s = clock.now_s() + ANSWERS_S
         try:
             self._sock.settimeout(ANSWERS_S)
             # What rigd has said before it closed the connection can still be read.
@@ -77,12 +77,12 @@ class Client:
             if len(self._unread) > LONGEST_ANSWER:
                 what = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
                 raise CellError(str(self._path), what, _RESTART)
-            self._sock.settimeout(max(0.001, until_s - time.monotonic()))
+            self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)
             if not received:
                 return b""
             self._unread += received
-            if time.monotonic() > until_s:
+            if clock.now_s() > until_s:
                 raise TimeoutError
         line, _, self._unread = self._unread.partition(b"\n")
         return line

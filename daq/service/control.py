@@ -18,13 +18,13 @@ import resource
 import select
 import socket
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from daq import clock
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.service.trust import peer_user
 from rigs.errors import CellError, RigError
@@ -75,7 +75,7 @@ class _Connection:
 
     sock: socket.socket
     user: int
-    silent_since_s: float = field(default_factory=time.monotonic)
+    silent_since_s: float
     busy: bool = False
     ended: bool = False
 
@@ -134,7 +134,7 @@ class ControlServer:
                 self._closing.wait(pause_s)
                 pause_s = min(2 * pause_s, _BACK_OFF_S[1])
             else:
-                self._admit(_Connection(sock, peer_user(sock)))
+                self._admit(_Connection(sock, peer_user(sock), clock.now_s()))
                 pause_s = _BACK_OFF_S[0]
                 self._closing.wait(_ACCEPT_S)
 
@@ -191,7 +191,7 @@ class ControlServer:
         answered = _encoded(reply(line, self._answer))
         connection.sock.settimeout(_LINE_S)
         connection.sock.sendall(answered)
-        connection.busy, connection.silent_since_s = False, time.monotonic()
+        connection.busy, connection.silent_since_s = False, clock.now_s()
         self._closing.wait(_ASK_S)
 
     def _forget(self, connection: _Connection) -> None:
@@ -234,16 +234,16 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
     A line that is too long comes back cut, which no JSON survives.
     """
-    until_s = None if not unread else time.monotonic() + _LINE_S
+    until_s = None if not unread else clock.now_s() + _LINE_S
     while b"\n" not in unread and len(unread) <= LONGEST_REQUEST:
-        left_s = _IDLE_S if until_s is None else until_s - time.monotonic()
+        left_s = _IDLE_S if until_s is None else until_s - clock.now_s()
         if left_s <= 0:
             raise TimeoutError
         sock.settimeout(left_s)
         received = sock.recv(LONGEST_REQUEST)
         if not received:
             return unread, b""
-        until_s = until_s or time.monotonic() + _LINE_S
+        until_s = until_s or clock.now_s() + _LINE_S
         unread += received
     line, _, rest = unread.partition(b"\n")
     return line + b"\n", rest

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from daq.store import RunWriter
 from daq.store.records import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
+from daq.wire.opening import open_link
 from rigs.errors import CellError, RigError, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
@@ -51,7 +53,7 @@ _LEAVE_S = 3.0
 class Daemon:
     """Owns everything between the first port that is opened and the last run that is closed."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a daemon is given
         self,
         rig: Rig,
         rig_text: str,
@@ -60,12 +62,14 @@ class Daemon:
         capture: Path | None = None,
         metrics: Path | None = None,
         rig_file: Path | None = None,
+        *,
+        opening: Callable[..., Link] = open_link,
     ) -> None:
         """metrics: the file for Prometheus's node_exporter, or None. rig_file: where the rig comes from; None for one
-        that any number of daemons may serve."""
+        that any number of daemons may serve. opening: what opens the links, with the arguments of `open_link`."""
         self._rig_file = rig_file
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
-        self._streams = streams_of(rig)
+        self._streams = [replace(stream, opening=opening) for stream in streams_of(rig)]
         self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
         self._recorder = Recorder(self._buffers, self._create, self._after_round, self._on_items)
         self._arbiter = Arbiter(self._recorder, rig.automatic)

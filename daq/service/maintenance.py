@@ -8,12 +8,11 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from daq import clock
 from daq.store.retention import RunInfo, clear, decide, delete, survey
 from rigs.errors import CellError, FileError
 from rigs.schema.recording_rules import Retention
@@ -28,13 +27,13 @@ _FIRST = b"# HELP rig_"
 """What every metrics file of rigd begins with."""
 
 
-class Maintenance(threading.Thread):
+class Maintenance(clock.Thread):
     """Writes the metrics every ten seconds and applies the retention every ten minutes, until it is stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
         super().__init__(name="keep house", daemon=True)
         self._metrics, self._text, self._retention = metrics, text, retention
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
         self._warned = False
 
     def start(self) -> None:
@@ -57,11 +56,11 @@ class Maintenance(threading.Thread):
 
     def run(self) -> None:
         """Do the work until `stop`: the body of the thread."""
-        due_s = time.monotonic()
+        due_s = clock.now_s()
         while not self._stop_asked.is_set():
-            if self._retention is not None and time.monotonic() >= due_s:
+            if self._retention is not None and clock.now_s() >= due_s:
                 self._retention.apply()
-                due_s = time.monotonic() + _RETENTION_S
+                due_s = clock.now_s() + _RETENTION_S
             self._write_metrics()
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
@@ -124,13 +123,13 @@ class RunRetention:
             log.warning("retention: %s", error)
             return
         clear(self._runs)
-        decision = decide(found, self._limits, time.time())
+        decision = decide(found, self._limits, clock.wall_ns() / 1e9)
         while decision.delete:
             gone = {run.path for run in decision.delete if self._delete(run)}
             stuck = {run.path for run in decision.delete} - gone
             # One that cannot be deleted makes way for the next oldest.
             found = [replace(run, marks=None) if run.path in stuck else run for run in found if run.path not in gone]
-            decision = decide(found, self._limits, time.time())
+            decision = decide(found, self._limits, clock.wall_ns() / 1e9)
         self.over_bytes, self.runs, self.runs_bytes = decision.over, len(found), sum(run.size for run in found)
         self._warn_over_limit()
 
@@ -147,7 +146,7 @@ class RunRetention:
     def _found(self) -> list[RunInfo]:
         found = []
         for run in survey(self._runs) if self._runs.exists() else ():
-            time.sleep(_PAUSE_S)
+            clock.sleep(_PAUSE_S)
             if run.manifest is None or run.manifest.rig_name == self._rig_name:
                 found.append(run)
         return found
@@ -161,16 +160,16 @@ class RunRetention:
             return False
         self.deleted += 1
         self.deleted_bytes += run.size
-        days = (time.time() - run.ended_s) / 86400
+        days = (clock.wall_ns() / 1e9 - run.ended_s) / 86400
         copy = run.marks.exports[-1].file if run.marks else "?"
         log.info("retention: deleted %s, %.0f days old, %.1f MB, exported to %s", run.path, days, run.size / 1e6, copy)
         return True
 
     def _warn_over_limit(self) -> None:
         """Warn, once an hour, that runs which may not be deleted exceed the limit."""
-        if not self.over_bytes or time.monotonic() - self._warned_at < _WARN_AGAIN_S:
+        if not self.over_bytes or clock.now_s() - self._warned_at < _WARN_AGAIN_S:
             return
-        self._warned_at = time.monotonic()
+        self._warned_at = clock.now_s()
         more, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
         log.warning(
             "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy

@@ -8,12 +8,12 @@ a busy computer.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
+from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from rigs.errors import CellError
@@ -44,7 +44,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
         raise CellError("control socket", what, 'send {"command": "samples", "after": {"g1": 0}}') from None
     streams = {name: _stream(buffer, asked.after.get(name, 0)) for name, buffer in buffers.items()}
     text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
-    return {"now_ns": time.monotonic_ns(), "streams": streams, "rig_lines": text.splitlines()}
+    return {"now_ns": clock.now_ns(), "streams": streams, "rig_lines": text.splitlines()}
 
 
 def _stream(buffer: StreamBuffer, after: int) -> dict[str, Any]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import glob
 import hashlib
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from daq import clock
 from daq.store.schema import ColumnType, storable
 from rigs.errors import FileError
 from rigs.text import as_argument
@@ -134,4 +134,4 @@ def sha256(data: bytes) -> str:
 
 def iso_now() -> str:
     """Return the present time in UTC as ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+    return clock.wall_time().isoformat(timespec="milliseconds")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 
+from daq import clock
 from daq.store import durable
 from daq.store.ledger import Ledger
 from daq.store.manifest import MANIFEST, Manifest
@@ -74,7 +74,7 @@ def write_beside(path: Path, beside: Mapping[str, bytes]) -> None:
 
 
 def _fresh_directory(runs: Path, name: str) -> Path:
-    stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
+    stem = name if _TIMED.match(name) else f"{clock.wall_time():%Y%m%dT%H%M%SZ}_{name}"
     for number in count(1):
         path = runs / (stem if number == 1 else f"{stem}.{number}")
         with suppress(FileExistsError):

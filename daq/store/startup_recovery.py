@@ -8,9 +8,9 @@ reported and left to a person and `rig recover`.
 from __future__ import annotations
 
 import logging
-import threading
 from pathlib import Path
 
+from daq import clock
 from daq.store import is_unclosed, recover
 from daq.store.manifest import MANIFEST
 from daq.store.records import parse_chunk
@@ -19,13 +19,13 @@ from rigs.errors import RigError
 log = logging.getLogger("rigd")
 
 
-class StartupRecovery(threading.Thread):
+class StartupRecovery(clock.Thread):
     """Recovers every unclosed run of a directory, the latest first, and ends."""
 
     def __init__(self, runs: Path) -> None:
         super().__init__(name="recover", daemon=True)
         self._runs = runs
-        self._stop_asked = threading.Event()
+        self._stop_asked = clock.Event()
 
     def stop(self) -> None:
         """Ask the thread to end after the run it is at; a recovery that is cut off can be done again."""

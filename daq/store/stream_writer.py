@@ -10,7 +10,6 @@ for as long as one sync takes. Raises plain OSError; the run's writer says it to
 from __future__ import annotations
 
 import errno
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from typing import cast
 
 import pyarrow as pa
 
+from daq import clock
 from daq.protocol.conversation import Samples
 from daq.store import durable
 from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
@@ -171,7 +171,7 @@ class StreamWriter:
         number = self.chunks + 1
         path = (self.run / chunk_name(self.stream, number)).with_suffix(".arrow")
         start = head(self.schema)
-        self.open = OpenChunk(path, number, durable.create(path, start), len(start), time.monotonic_ns())
+        self.open = OpenChunk(path, number, durable.create(path, start), len(start), clock.now_ns())
         self.chunks = number
         return self.open
 

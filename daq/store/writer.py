@@ -10,7 +10,6 @@ does the rest. `NearlyFull` comes before that: it condemns nothing, and the run 
 from __future__ import annotations
 
 import os
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
@@ -254,7 +254,7 @@ class RunWriter:
             writer.write()
 
     def _is_due(self, chunk: OpenChunk) -> bool:
-        return chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS
+        return chunk.rows >= self._chunk_rows or clock.now_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
     def _end(self, writer: StreamWriter) -> None:
         """Close all that there is of a stream, with the rows that a sync held back."""

@@ -20,12 +20,12 @@ import math
 import os
 import select
 import socket
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import serial
 
+from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.wire.serial_port import line_errors
 
@@ -51,7 +51,7 @@ class Link:
         self._fd = fd
         self._close = close
         self._dead_s = dead_s
-        self._heard_s = time.monotonic()
+        self._heard_s = clock.now_s()
 
     def fileno(self) -> int:
         """Return the file descriptor of the link."""
@@ -70,11 +70,11 @@ class Link:
             raise LinkLost(str(error)) from None
         if not data:
             raise LinkLost("the other end closed the connection")
-        self._heard_s = time.monotonic()
+        self._heard_s = clock.now_s()
         return data
 
     def _check_alive(self) -> None:
-        if time.monotonic() - self._heard_s > self._dead_s:
+        if clock.now_s() - self._heard_s > self._dead_s:
             raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
@@ -112,19 +112,19 @@ class SerialLink(Link):
         super().__init__(name, device.fileno(), device.close)
         self._device = device
         self._errors = line_errors(self._fd)
-        self._looked_s = time.monotonic()
+        self._looked_s = clock.now_s()
 
     def take_ignored(self) -> list[Fault]:
-        if time.monotonic() - self._looked_s < _REPORT_EVERY_S:
+        if clock.now_s() - self._looked_s < _REPORT_EVERY_S:
             return []
-        before, self._errors, self._looked_s = self._errors, line_errors(self._fd), time.monotonic()
+        before, self._errors, self._looked_s = self._errors, line_errors(self._fd), clock.now_s()
         more = {name: count - before.get(name, 0) for name, count in self._errors.items()}
         told = ", ".join(f"{count} {name}" for name, count in more.items() if count > 0)
         if not told:
             return []
         detail = f"characters lost or damaged on the way, by the count of the port: {told}; check the cable, its length"
         count = sum(max(0, count) for count in more.values())
-        return [Fault(FaultKind.LINE, time.monotonic_ns(), f"{detail}, and the line's settings", count)]
+        return [Fault(FaultKind.LINE, clock.now_ns(), f"{detail}, and the line's settings", count)]
 
     def set_dtr(self, on: bool) -> None:
         try:
@@ -267,13 +267,13 @@ class _Strangers:
         self._last = address
 
     def report(self, peer: Address | None) -> list[Fault]:
-        now_s = time.monotonic()
+        now_s = clock.now_s()
         if not self._count or now_s - self._reported_s < _REPORT_EVERY_S:
             return []
         count, self._count, self._reported_s = self._count, 0, now_s
         stranger, read = _address_text(self._last), _address_text(peer)
         detail = f"{self._what} from {stranger} ignored, since {read} is being read; stop the other sender"
-        return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
+        return [Fault(FaultKind.STRANGER, clock.now_ns(), detail, count)]
 
 
 def _address_text(address: Address | None) -> str:

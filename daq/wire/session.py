@@ -7,10 +7,10 @@ together.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from daq import clock
 from daq.protocol.conversation import Arrival, Conversation, Gathering, Item, Step
 from daq.wire.links import LinkLost
 
@@ -46,7 +46,7 @@ def run_conversation(
     the two whatever the scheduler does. `alive` is called at least every 0.2 s, and as much later as is gathered.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
-    step = conversation.connected(time.monotonic_ns())
+    step = conversation.connected(clock.now_ns())
     while True:
         if step.items:
             deliver(step.items)
@@ -58,7 +58,7 @@ def run_conversation(
             return
         alive()
         data = link.read(_wait_s(step))
-        now_ns = time.monotonic_ns()
+        now_ns = clock.now_ns()
         if data and gathering:
             arrivals, lost = _gathered(link, (data, now_ns), gathering.gather_ns)
             step = gathering.received_all(arrivals)
@@ -80,7 +80,7 @@ def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arri
     try:
         while now_ns < until_ns and size < _MOST_GATHERED_BYTES:
             data = link.read((until_ns - now_ns) / 1e9)
-            now_ns = time.monotonic_ns()
+            now_ns = clock.now_ns()
             if data:
                 arrivals.append((data, now_ns))
                 size += len(data)
@@ -92,4 +92,4 @@ def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arri
 def _wait_s(step: Step) -> float:
     if step.wake_ns is None:
         return _LONGEST_WAIT_S
-    return min(_LONGEST_WAIT_S, max(0.0, (step.wake_ns - time.monotonic_ns()) / 1e9))
+    return min(_LONGEST_WAIT_S, max(0.0, (step.wake_ns - clock.now_ns()) / 1e9))

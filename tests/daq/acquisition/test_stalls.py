@@ -135,14 +135,13 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
         def lost(self, now_ns: int) -> tuple[()]:
             return ()
 
-    clock = SimpleNamespace(thread_time=lambda: used_s, sleep=paused.append, monotonic_ns=time.monotonic_ns)
-    monkeypatch.setattr("daq.acquisition.reader.time", clock)
+    clock = SimpleNamespace(worked_s=lambda: used_s, sleep=paused.append, now_ns=time.monotonic_ns, now_s=lambda: now_s)
     stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
     link: Any = Endless()
     reader = Reader(stream, StreamBuffer("robot", ()), link)
     # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
-    clock.monotonic = lambda: now_s
+    monkeypatch.setattr("daq.acquisition.reader.clock", clock)
     reader._read(link)
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 

@@ -19,6 +19,7 @@ import daq.recording.io_worker
 import daq.recording.machine
 import daq.recording.rate_limited_log
 import daq.recording.recorder
+from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.label import Label
@@ -47,7 +48,7 @@ class Written:
 
     def deliver(self, count: int = 10) -> None:
         """From every reader."""
-        now = daq.recording.recorder.time.monotonic_ns()
+        now = clock.now_ns()
         for buffer in self.buffers.values():
             buffer.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
         self.delivered += count

@@ -228,7 +228,7 @@ def test_what_the_port_counts_as_lost_or_damaged_is_told(monkeypatch: pytest.Mon
     """A pty counts nothing, so the counts are given; their places are those of `linux/serial.h`."""
     counts, now_s = [0] * 20, [0.0]
     monkeypatch.setattr(serial_port.fcntl, "ioctl", lambda fd, request, room: struct.pack("@20i", *counts))
-    monkeypatch.setattr(links.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(links.clock, "now_s", lambda: now_s[0])
     master, slave = os.openpty()
     try:
         link = SerialLink("g1", SimpleNamespace(fileno=lambda: slave, close=lambda: None))

@@ -1,0 +1,173 @@
+"""A cell and a daemon in simulated time: the emulated instruments, lines in memory, and the disk of this computer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq import clock
+from daq.acquisition.streams import streams_of
+from daq.emulators import Motion
+from daq.emulators.instruments import instruments_of
+from daq.protocol.conversation import Device, Fault, Item
+from daq.service.daemon import Daemon
+from daq.wire.links import LinkLost
+from daq.wire.session import run_conversation
+from rigs.errors import CellError
+from rigs.load import parse
+from tests.support.simulated_clock import SimulatedClock, close_files_in
+
+_NETWORK_NS = 100_000
+_ROUND_S = 0.2
+
+
+class SimulatedLine:
+    """A cable from an instrument to the daemon. character_ns: of a serial line, 0 over a network.
+
+    change: what becomes of what the instrument sends, and how much later it comes, ns.
+    """
+
+    def __init__(self, name: str, character_ns: int) -> None:
+        self.name, self.plugged = name, True
+        self.change: Callable[[bytes], tuple[bytes, int]] = lambda data: (data, 0)
+        self.connections = 0
+        self.ends: tuple[_End, _End] | None = None
+        """The daemon's and the instrument's, while the daemon has it open."""
+        self._character_ns = character_ns
+
+    def open(self) -> _End:
+        """The daemon's end of a new connection. Raises CellError while it is unplugged."""
+        if not self.plugged:
+            raise CellError(self.name, "does not exist", "plug it in")
+        ours, theirs = _End(self, self._character_ns), _End(self, self._character_ns)
+        ours.other, theirs.other, self.ends = theirs, ours, (ours, theirs)
+        theirs.sends_changed = True
+        self.connections += 1
+        return ours
+
+    def unplug(self) -> None:
+        """Pull the cable: what is on its way is gone."""
+        self.plugged = False
+        self.reset()
+
+    def reset(self) -> None:
+        """End the present connection."""
+        for end in self.ends or ():
+            end.lost = True
+        self.ends = None
+
+
+class _End:
+    """One end of a line: what `daq.wire.links.Link` is to the daemon."""
+
+    def __init__(self, line: SimulatedLine, character_ns: int) -> None:
+        self.name, self.lost, self.sends_changed = line.name, False, False
+        self.other: _End = self
+        self._line, self._character_ns = line, character_ns
+        self.coming: deque[tuple[int, bytes]] = deque()
+        self._free_ns = 0
+
+    def read(self, timeout_s: float) -> bytes:
+        until_ns = clock.now_ns() + round(max(0.0, timeout_s) * 1e9)
+        if timeout_s <= 0:
+            clock.sleep(0)  # as a system call, it takes some time
+        while not (self.coming and self.coming[0][0] <= clock.now_ns()):
+            if self.lost:
+                raise LinkLost("unplugged")
+            if clock.now_ns() >= until_ns:
+                return b""
+            self._wait(min([until_ns, *(at_ns for at_ns, _ in self.coming)]))
+        data = b""
+        while self.coming and self.coming[0][0] <= clock.now_ns():
+            data += self.coming.popleft()[1]
+        return data
+
+    def _wait(self, until_ns: int) -> None:
+        known, event = len(self.coming), clock.Event()
+        event.is_set = lambda: self.lost or len(self.coming) > known  # type: ignore[method-assign]
+        event.wait((until_ns - clock.now_ns()) / 1e9)
+
+    def write(self, data: bytes) -> None:
+        if self.lost:
+            raise LinkLost("unplugged")
+        data, later_ns = self._line.change(data) if self.sends_changed else (data, 0)
+        self._free_ns = max(self._free_ns, clock.now_ns()) + len(data) * self._character_ns
+        at_ns = self._free_ns + later_ns + (0 if self._character_ns else _NETWORK_NS)
+        if data:
+            self.other.coming.append((max(at_ns, self.other.coming[-1][0] if self.other.coming else 0), data))
+        if self.sends_changed:  # an instrument goes on when its line is free; a computer's port has a buffer
+            clock.sleep(max(0, self._free_ns - clock.now_ns()) / 1e9)
+
+    def set_dtr(self, on: bool) -> None:
+        pass
+
+    def close(self) -> None:
+        self.lost = self.other.lost = True
+
+    def note_items(self, items: Sequence[Item]) -> None:
+        pass
+
+    def take_ignored(self) -> list[Fault]:
+        return []
+
+
+class SimulatedCell:
+    """The instruments of a rig, which measure a motion, each on a line; `daemon` starts one that reads them."""
+
+    def __init__(
+        self, time: SimulatedClock, folder: Path, text: str, motion: Motion, signal: Callable[[int], float]
+    ) -> None:
+        self.time, self.folder, self.text = time, folder, text
+        self.rig = parse(text, "simulated")
+        devices = instruments_of(self.rig, motion, signal)
+        self.lines: dict[str, SimulatedLine] = {}
+        self.made: dict[str, list[Device]] = {}
+        self.daemons = 0
+        with time.process("cell"):
+            for stream in streams_of(self.rig):
+                pace_ns = 0 if "://" in stream.port else stream.line.character_ns
+                line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns)
+                made = self.made[stream.name] = []
+                body = _serving(line, devices[stream.name], made)
+                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
+
+    def daemon(self) -> Daemon:
+        """Start a daemon."""
+        self.daemons += 1
+        opened = Daemon(self.rig, self.text, self.folder / "runs", self.folder / "rigd.sock", opening=self._open)
+        with self.time.process(f"rigd {self.daemons}"):
+            opened.start()
+        return opened
+
+    def kill(self, daemon: Daemon) -> None:
+        """SIGKILL: its threads end where they are, and the system closes its files and its lines."""
+        self.time.kill(f"rigd {self.daemons}")
+        daemon._control.close()  # private _control: what a kill closes
+        for line in self.lines.values():
+            line.reset()
+        close_files_in(self.folder)
+
+    def _open(self, name: str, *_: object, **__: object) -> Any:
+        return self.lines[name].open()
+
+
+def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]) -> Callable[[], None]:
+    def serve() -> None:
+        while True:
+            if line.ends is None:
+                clock.sleep(_ROUND_S)
+            else:
+                made.append(make())
+                _converse(line, line.ends[1], made[-1])
+
+    return serve
+
+
+def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
+    with contextlib.suppress(LinkLost):
+        run_conversation(end, device, lambda _: None, lambda: end.lost)
+    if line.ends and line.ends[1] is end:
+        line.reset()

@@ -1,0 +1,183 @@
+"""A clock for the daemon's threads in one process: one runs at a time, and time passes only while all of them wait.
+
+Which thread goes on where several could is drawn from a seed, and so is the little time that each takes. So a run is
+the same each time, whatever else the computer does, and a failure is found again by its seed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from daq import clock
+
+S = 1_000_000_000
+_BEGIN_NS = 1000 * S
+_WALL_NS = 1_767_225_600 * S
+"""2026-01-01 UTC."""
+_STEP_NS = (1_000, 20_000)
+"""What a thread takes from one wait to the next."""
+_HANGS_S = 60.0
+"""A thread that comes to no wait for so long in real time never will: it waits for what the clock cannot see."""
+
+
+class Deadlock(Exception):
+    """Every thread waits, and none for a time."""
+
+
+class Killed(BaseException):
+    """The process of this thread was killed."""
+
+
+@dataclass(eq=False)
+class _Task:
+    thread: threading.Thread
+    group: str
+    ready: Callable[[], bool] = lambda: True
+    due_ns: int | None = None
+    killed: bool = False
+    go: threading.Lock = field(default_factory=threading.Lock)
+    """Held while it is not this one's turn."""
+
+    def __post_init__(self) -> None:
+        self.go.acquire()
+
+
+class SimulatedClock:
+    """The clock; the thread that enters `running` is one of its threads, and drives it by waiting."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.errors: list[BaseException] = []
+        """What threads died of."""
+        self.slept_ns = self.set_ns = 0
+        """For how long the computer slept, and by how much its wall clock was set, until now."""
+        self._dice = random.Random(seed)
+        self._ns = _BEGIN_NS
+        self._tasks: dict[threading.Thread, _Task] = {}
+        self._stuck = False
+        self._turns = 0
+
+    @contextmanager
+    def running(self) -> Iterator[SimulatedClock]:
+        """Take the place of the host's clock; what runs at the end is killed. An error tells the seed."""
+        main = threading.current_thread()
+        self._tasks[main] = _Task(main, "")
+        try:
+            with clock.replaced_by(self):
+                try:
+                    yield self
+                finally:
+                    self.kill(*{task.group for task in self._tasks.values()} - {""})
+        except Exception as error:
+            error.add_note(f"simulated with seed {self.seed}, after {self.elapsed_s:.1f} s")
+            raise
+
+    @property
+    def elapsed_s(self) -> float:
+        """The simulated time that has passed."""
+        return (self._ns - _BEGIN_NS) / S
+
+    def now_ns(self) -> int:
+        return self._ns
+
+    def boot_ns(self) -> int:
+        return self._ns + self.slept_ns
+
+    def wall_ns(self) -> int:
+        return _WALL_NS + self.boot_ns() + self.set_ns
+
+    def runs(self) -> bool:
+        return threading.current_thread() in self._tasks
+
+    def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
+        me = self._tasks[threading.current_thread()]
+        me.ready, me.due_ns = ready, None if timeout_s is None else self._ns + max(0, round(timeout_s * S))
+        self._hand_over(me)
+        if me.killed:
+            raise Killed
+        if self._stuck:
+            names = ", ".join(task.thread.name for task in self._tasks.values())
+            raise Deadlock(f"all wait, and none for a time: {names}")
+        return ready()
+
+    def begin(self, thread: threading.Thread, body: Callable[[], None]) -> Callable[[], None]:
+        task = self._tasks[thread] = _Task(thread, self._tasks[threading.current_thread()].group or thread.name)
+        task.due_ns = self._ns
+
+        def run() -> None:
+            task.go.acquire()
+            try:
+                if not task.killed:
+                    body()
+            except Killed:
+                pass
+            except Exception as error:  # noqa: BLE001 - whoever drives the clock is to see it
+                self.errors.append(error)
+            finally:
+                del self._tasks[thread]
+                self._hand_over(None)
+
+        return run
+
+    def has_ended(self, thread: threading.Thread) -> bool:
+        return thread not in self._tasks
+
+    @contextmanager
+    def process(self, name: str) -> Iterator[None]:
+        """Let the threads that are begun here, and those that they begin, be of a process of this name."""
+        me = self._tasks[threading.current_thread()]
+        before, me.group = me.group, name
+        try:
+            yield
+        finally:
+            me.group = before
+
+    def kill(self, *processes: str) -> None:
+        """End all threads of these processes where they wait, one after the other."""
+        doomed = [task for task in self._tasks.values() if task.group in processes]
+        for task in doomed:
+            task.killed, task.ready = True, lambda: True
+        me = self._tasks[threading.current_thread()]
+        while any(task in self._tasks.values() for task in doomed):
+            me.ready, me.due_ns = (lambda: False), self._ns
+            self._hand_over(me)
+
+    def _hand_over(self, me: _Task | None) -> None:
+        """Let the next thread go on, and come back when it is this one's turn; None for one that is at its end."""
+        chosen = self._next()
+        self._ns += self._dice.randrange(*_STEP_NS)
+        self._turns += 1
+        if chosen is me:
+            return
+        chosen.go.release()
+        turn = self._turns
+        while me is not None and not me.go.acquire(timeout=_HANGS_S):
+            if self._turns == turn:
+                raise Deadlock(f"{chosen.thread.name} comes to no wait")
+            turn = self._turns
+
+    def _next(self) -> _Task:
+        tasks = list(self._tasks.values())
+        if not (able := [task for task in tasks if task.killed or task.ready()]):
+            timed = [task.due_ns for task in tasks if task.due_ns is not None]
+            if not timed:
+                self._stuck = True
+                return tasks[0]
+            self._ns = max(self._ns, min(timed))
+            able = [task for task in tasks if task.due_ns is not None and task.due_ns <= self._ns]
+        return able[0] if len(able) == 1 else self._dice.choice(able)
+
+
+def close_files_in(folder: Path) -> None:
+    """Close every file and directory of this folder that this process has open, as a kill does."""
+    for entry in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if str(entry.readlink()).startswith(f"{folder}/"):
+                os.close(int(entry.name))
