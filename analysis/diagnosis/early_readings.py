@@ -42,6 +42,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
+    freedom = int(rows.sum()) - taken.shape[1] - 6
+    if freedom < taken.shape[1]:  # as many terms as readings follow anything, the direction of travel too
+        return ()
 
     def free(values: Array) -> Array:
         own: Array = values - taken @ (taken.T @ values)
@@ -58,7 +61,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         inverse = np.linalg.pinv(A[np.ix_(rows, shown)])
         ahead[shown] = inverse @ y[rows]
         left = float(np.sum((y - A @ ahead)[rows] ** 2))
-        sd[shown] = np.sqrt(left / rows.sum() * (inverse**2).sum(axis=1))
+        sd[shown] = np.sqrt(left / freedom * (inverse**2).sum(axis=1))
         share = 1 - left / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
     share, ahead, sd, A, words, unit = max(fits, key=lambda one: one[0])
