@@ -20,6 +20,7 @@ DATA = ROOT.parent / "shared" / "data" / "ipa-ur10"
 BIN = Path(sys.executable).parent
 pytestmark = [
     pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here"),
+    pytest.mark.nightly,  # two minutes of processor time
     pytest.mark.timeout(1800),
     pytest.mark.cpu_limit(600),
 ]

@@ -65,7 +65,7 @@ def test_runs_left_out_in_a_second_cell_judge_names() -> None:
     assert set(found.setups) == {"yaw", "yaw 2"}
 
 
-@pytest.mark.parametrize("axis", [3, 4])
+@pytest.mark.parametrize("axis", [3, pytest.param(4, marks=pytest.mark.nightly)])
 def test_a_ball_moved_between_runs_is_reported_and_a_play_is_not_taken_for_it(axis: int) -> None:
     effects = (Backlash(axis=axis, width_deg=0.1),)
     runs = [_driven(way, seed, (0.3, 0.2, 0.0), effects) for way in ("acw", "cw") for seed in (1, 2)]

@@ -30,6 +30,7 @@ from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from rigs.schema.limits import Limits
 from tests.support.handmade_diagnosis import diagnosis
+from tests.support.nightly import cases
 from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("ur10e")
@@ -126,7 +127,7 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
     assert "What makes the error" not in text
 
 
-@pytest.mark.parametrize("condition", get_args(Condition))
+@pytest.mark.parametrize("condition", cases(get_args(Condition), ("named", "undecided", "nothing_unusual")))
 def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Condition) -> None:
     text = _text(rendered(replace(report, results=report.results[-1:], found=diagnosis(condition)), texts_of("en")))
     assert f"{texts_of('en')(f'badge_{condition}')} · PASS" in text.partition("Verdict")[0]  # in the title
