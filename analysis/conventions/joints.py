@@ -30,6 +30,8 @@ _STEPS, _BEST = 8, 6
 _KEPT = 0.8
 """Share of the poses, the nearest, that is fitted and compared: lost points move no base."""
 _ROUNDS = 3
+_NOTHING_MM = 1e-3
+"""Below a micrometre the labels are right: what is left are rounded digits, which any meaning may fit better."""
 _RIGHT_MM = 10.0
 """An arm by its nominal constants errs by some mm; what leaves more is not right either."""
 _CLEARLY = 4.0
@@ -60,7 +62,7 @@ those that fit as well as the best."""
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
     best, as_labelled, as_good = _judged(table, rig)
-    if best is None:
+    if best is None or as_labelled < _NOTHING_MM:
         return
     words = " or ".join(one.meaning.words for one in (best, *as_good))
     rows = "poses fit" if isinstance(table, PoseTable) else "rows lie on the path of the test"

@@ -38,16 +38,31 @@ def without_wild(
     targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
     sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
+    kept = _no_accidents([runs[k] for k in targets], [spreads > _SPREADS for _, spreads in away])
     for k, (distance_mm, spreads) in zip(targets, away, strict=True):
         one, wild = runs[k].one, spreads > _SPREADS
-        if not by_accident(wild, one.table.q[one.rows]):
-            shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
+        if one.setup in kept:
+            if wild.any():
+                shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
             continue
         sound[k] = replace(runs[k], one=part(one, ~wild))
         if wild.any():
             far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
     doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
     return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
+
+
+def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
+    """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
+    themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
+    poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PoseTable)]
+    found = set()
+    for setup in dict.fromkeys(runs[k].one.setup for k in poses):
+        own = [k for k in poses if runs[k].one.setup == setup]
+        angles = np.concatenate([runs[k].one.table.q[runs[k].one.rows] for k in own])
+        if not by_accident(np.concatenate([wild[k] for k in own]), angles):
+            found.add(setup)
+    return found
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:

@@ -161,7 +161,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
 
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
-        yield from filter(None, (pace(stream, trial) if serial else None, clock_rate(stream.name, trial.samples)))
+        yield from filter(None, (pace(stream, trial) if serial else None, pace_of_clock(stream.name, trial.samples)))
         yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
@@ -217,7 +217,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     )
 
 
-def clock_rate(about: str, samples: Sequence[Sample]) -> Finding | None:
+def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     """Compare the rate of the instrument's own clock with this computer's; None for one without a clock.
 
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.

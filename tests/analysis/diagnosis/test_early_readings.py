@@ -18,6 +18,7 @@ from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import Array, found_in, measured
+from tests.support.independent_arm import bad_zeros, cell, postures
 
 RIG = load("ur10e")[0].model_copy(update={"effects": ()})
 RNG = np.random.default_rng(61)
@@ -51,6 +52,16 @@ def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:
 def test_joints_that_had_a_share_of_their_move_to_go_are_reported() -> None:
     reported = _reported(_ahead(Q - np.array([0.0, 0.001, 0.0, 0.0, 0.0, 0.0]) * CAME))
     assert set(reported) == {2} and reported[2] == pytest.approx(0.1, abs=0.02)
+
+
+def test_few_poses_with_large_errors_do_not_tell() -> None:
+    """As many terms as readings follow anything, the direction of travel too."""
+    rng = np.random.default_rng(5)
+    place = cell("ur10e", bad_zeros(rng), rng)
+    seen = place.seen(postures("ur10e", 24, rng), rng)
+    table = PoseTable(np.radians(np.degrees(seen.q).round(9)), seen.xyz_mm.round(9), None)
+    found = found_in([measured(table, "pose", "pose", RIG)], RIG)
+    assert _reported(found) == {} and found.condition != "not_testable_here"
 
 
 def test_a_play_and_a_sound_measurement_are_not() -> None:

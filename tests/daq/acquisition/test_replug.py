@@ -7,6 +7,7 @@ import os
 import termios
 import threading
 import tty
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +119,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
             ended.set()
         raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
 
-    monkeypatch.setattr(daq.acquisition.streams, "open_link", opened)
+    stream = replace(stream, opening=opened)
     reader = Reader(stream, buffer, Link("g1", -1, lambda: None))
     reader.start()
     assert ended.wait(PATIENCE_S)

@@ -154,10 +154,10 @@ def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(30, OK), (-400, OK), (5000, DOUBTFUL), (-1e6 / 2, DOUBTFUL)])
 def test_the_clock_of_a_controller(drift_ppm: float, verdict: Verdict) -> None:
-    finding = trial.clock_rate("robot", _samples(500, 3, drift_ppm))
+    finding = trial.pace_of_clock("robot", _samples(500, 3, drift_ppm))
     assert finding and finding.verdict is verdict
     assert abs(int(finding.what.split()[3]) - drift_ppm) < max(100, abs(drift_ppm) * 0.01), finding.what
-    assert trial.clock_rate("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
+    assert trial.pace_of_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
 
 
 def test_a_gauge_far_below_what_its_line_carries() -> None:
@@ -174,7 +174,7 @@ def test_readings_that_came_all_at_once_have_no_pace() -> None:
     stream = streams_of(parse(rig_text(), "bench"))[0]
     samples = [replace(sample, first_byte_ns=5, last_byte_ns=5) for sample in _samples(500, 0.1, 0)]
     assert trial.pace(stream, trial.Trial(samples, 2.0, 360, 360)) is None
-    assert trial.clock_rate("robot", samples) is None
+    assert trial.pace_of_clock("robot", samples) is None
 
 
 @pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
