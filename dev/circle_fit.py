@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.fitting.driven_circle import driven_circle
+from analysis.setting_up.driven_circle import driven_circle
 from analysis.traces.robot_motion import RobotMotion
 from rigs.errors import FileError
 from rigs.load import parse

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.expected_posterior import ExpectedPosterior, expected_posterior
-from analysis.diagnosis.planned_runs import planned_blocks
+from analysis.inference.expected import ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import healthy_size
 from rigs.load import load

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.fitting.calibrate import calibrate
-from analysis.fitting.observation import Observation, observe, residuals_of, rms
-from analysis.fitting.setups import fit_setups
+from analysis.inference.calibrate import calibrate
+from analysis.inference.observation import Observation, observe, residuals_of, rms
+from analysis.inference.setups import fit_setups
 from analysis.model.predict import model_of
 from analysis.traces.tables import PoseTable
 from rigs.load import load

@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 from ur10 import DATA, FIT, read
 
-from analysis.diagnosis.budget import effect_changes
-from analysis.diagnosis.neighbourhoods import without_a_fold
-from analysis.diagnosis.observed_run import ObservedRun, observe_run
-from analysis.diagnosis.search import SearchResult, search
-from analysis.diagnosis.validation import gap, stages_of
-from analysis.diagnosis.verdict import named_effects
-from analysis.diagnosis.worth import worth
-from analysis.fitting.calibrate import calibrate
-from analysis.fitting.estimate import fit
+from analysis.inference.budget import effect_changes
+from analysis.inference.calibrate import calibrate
+from analysis.inference.estimate import fit
+from analysis.inference.observation import ObservedRun, observe_run
+from analysis.inference.responses import worth
+from analysis.inference.search import SearchResult, search
+from analysis.inference.setups import without_a_fold
+from analysis.inference.validation import gap, stages_of
+from analysis.inference.verdict import named_effects
 from analysis.model.predict import model_of
 from analysis.traces.tables import PoseTable
 from rigs.load import load

@@ -17,13 +17,12 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from analysis.files.write import write_csv, write_new
-from analysis.fitting.calibrate import calibrate
-from analysis.fitting.calibration import Calibration
-from analysis.fitting.observation import Observation, observe
-from analysis.fitting.split import split
 from analysis.geometry.ball_link import readings
 from analysis.geometry.pose_setup import fit_setup
 from analysis.geometry.programs import circle_of, hemisphere_of
+from analysis.inference.calibrate import Calibration, calibrate
+from analysis.inference.observation import Observation, observe
+from analysis.inference.setups import split
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path as Driven

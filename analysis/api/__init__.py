@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from analysis.diagnosis.diagnosis import Diagnosis as Diagnosis
-from analysis.diagnosis.diagnosis import Gap as Gap
-from analysis.diagnosis.diagnosis import Named as Named
-from analysis.fitting.compare import Compared as Compared
-from analysis.fitting.compare import Comparison as Comparison
+from analysis.inference.compare import Compared as Compared
+from analysis.inference.compare import Comparison as Comparison
+from analysis.inference.result import Diagnosis as Diagnosis
+from analysis.inference.result import Gap as Gap
+from analysis.inference.result import Named as Named
 from analysis.measures import results
 from analysis.measures.quantity import Quantity as Quantity
 from analysis.measures.result_curves import CircleCurve as CircleCurve
@@ -187,7 +187,7 @@ def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unsee
 
     Source: docs/simulation.md.
     """
-    from analysis.fitting.compare import compare as compare_with  # noqa: PLC0415
+    from analysis.inference.compare import compare as compare_with  # noqa: PLC0415
 
     return compare_with(runs, _model(rig, runs), unseen)
 
@@ -219,7 +219,7 @@ def calibrate(
 
     Source: docs/calibration.md.
     """
-    from analysis.fitting.effect_choice import given_effects  # noqa: PLC0415
+    from analysis.inference.calibrate import given_effects  # noqa: PLC0415
 
     given = None if effects is None else given_effects(effects)
     return _diagnosed(runs, rig, hold_out, unseen, progress, None, given)
@@ -263,7 +263,7 @@ def _diagnosed(
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
-    from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
+    from analysis.inference.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)

@@ -16,7 +16,7 @@ from rigs.errors import FileError, RigPlace, UseError
 
 if TYPE_CHECKING:
     from analysis.cli.fitted_test import FittedTest, RigFile
-    from analysis.fitting.driven_circle import DrivenCircle
+    from analysis.setting_up.driven_circle import DrivenCircle
     from analysis.traces.robot_motion import RobotMotion
     from daq.store import Run
     from rigs.edit import Values
@@ -57,7 +57,7 @@ def fit(
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write  # noqa: PLC0415
     from analysis.cli.run_paths import distinct  # noqa: PLC0415
-    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
+    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
 
     if bool(runs) == live:
         what = "both runs and --live are given" if live else "nothing is given to fit"
@@ -122,7 +122,7 @@ def _rig_in(run: Run) -> Rig:
 
 
 def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
-    from analysis.fitting.placements import same_arm  # noqa: PLC0415
+    from analysis.inference.setups import same_arm  # noqa: PLC0415
     from analysis.kinematics.arm import arm_of  # noqa: PLC0415
 
     if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
@@ -133,8 +133,8 @@ def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
     from analysis.cli.fitted_test import RigFile, u_written  # noqa: PLC0415
-    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
     from analysis.live.joint_watch import watched_motion  # noqa: PLC0415
+    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
     from rigs.load import parse  # noqa: PLC0415
 
@@ -175,8 +175,8 @@ def _as_test(found: DrivenCircle) -> FittedTest:
 def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     """The ball of runs of one kind: from stands about it, or as the centre of the circle about it."""
     from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
-    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
-    from analysis.fitting.touched_ball import touched_ball  # noqa: PLC0415
+    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
+    from analysis.setting_up.touched_ball import touched_ball  # noqa: PLC0415
     from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
     from rigs.schema.vocabulary import CIRCLES  # noqa: PLC0415
 

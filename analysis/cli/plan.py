@@ -54,7 +54,7 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
-    from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
+    from analysis.inference.plan import tests_named  # noqa: PLC0415
     from rigs.errors import UseError  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
@@ -72,7 +72,7 @@ def plan(
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, *, as_json: bool) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
+    from analysis.inference.plan import plan as planned  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
 
     with progress_of("simulating the tests"):
@@ -87,7 +87,7 @@ def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.diagnosis.proposal import propose as proposed  # noqa: PLC0415
+    from analysis.inference.proposal import propose as proposed  # noqa: PLC0415
     from analysis.reporting import proposal_report  # noqa: PLC0415
 
     if output:

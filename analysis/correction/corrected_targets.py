@@ -23,7 +23,7 @@ from analysis.correction.pose_uncertainty import (
 from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
 from analysis.correction.work import rest_effects, tool_poses, used_effects, work_or_spread
-from analysis.fitting.joint_coverage import outside_coverage
+from analysis.inference.observation import outside_coverage
 from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits

@@ -16,8 +16,8 @@ from analysis.correction.calibrated_uncertainty import CalibratedUncertainty, na
 from analysis.correction.support import Support
 from analysis.correction.taught_frame import TaughtFrame
 from analysis.correction.work import tool_poses, used_effects
-from analysis.fitting.identifiability import parameter_label
-from analysis.fitting.joint_coverage import BEYOND_DEG
+from analysis.inference.observation import BEYOND_DEG
+from analysis.inference.uncertainty import parameter_label
 from analysis.kinematics.arm import Array, Mask, pose_error
 from analysis.model.predict import model_of
 from rigs.rig import Rig

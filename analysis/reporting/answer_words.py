@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
-from analysis.diagnosis.answer import BudgetPart, Condition, Doubt
-from analysis.diagnosis.budget import CERTAIN_SIGMA
-from analysis.diagnosis.diagnosis import Diagnosis, Named
+from analysis.inference.budget import CERTAIN_SIGMA
+from analysis.inference.result import BudgetPart, Condition, Diagnosis, Doubt, Named
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect

@@ -13,7 +13,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.fitting.compare import Compared, Comparison
+from analysis.inference.compare import Compared, Comparison
 from analysis.model.predict import SetUp
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named

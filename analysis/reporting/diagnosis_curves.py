@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from matplotlib.projections.polar import PolarAxes
 
-from analysis.diagnosis.diagnosis import Curve, Diagnosis, Place
+from analysis.inference.result import Curve, Diagnosis, Place
 from analysis.kinematics.arm import Array
 from analysis.reporting.diagnosis_words import runs_of, whole_lap
 

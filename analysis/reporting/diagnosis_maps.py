@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import SubFigure
 
-from analysis.diagnosis.diagnosis import Map
+from analysis.inference.result import Map
 from analysis.kinematics.arm import Array
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED
 

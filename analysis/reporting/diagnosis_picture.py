@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_curves import GREY, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.inference.result import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
 from analysis.reporting.extended_rig import beside, extended_files, with_origin, write_extended
 from rigs.effects import Effect

@@ -10,10 +10,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnosis.answer import Condition, Doubt
-from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.diagnosis import Diagnosis, Gap
-from analysis.diagnosis.selection_state import FAULT
+from analysis.inference.candidates import LARGEST_FAULT
+from analysis.inference.result import Condition, Diagnosis, Doubt, Gap
+from analysis.inference.state import FAULT
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (
     beside_size,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnosis.diagnosis import ODDS, Curve, Gap, Named, Place, ResidualBand, Rival
+from analysis.inference.result import ODDS, Curve, Gap, Named, Place, ResidualBand, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from rigs.effects import Effect, size_field

@@ -12,14 +12,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.detectability import Detectability
-from analysis.diagnosis.diagnosis import ODDS
-from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, is_detectable, is_separable
-from analysis.diagnosis.plan import Pair, Plan
-from analysis.diagnosis.planned_runs import ASSUMED_JOINT_DEG, ASSUMED_UM
-from analysis.diagnosis.selection_state import FAULT
-from analysis.diagnosis.separating_tests import SeparatingTest
+from analysis.inference.candidates import LARGEST_FAULT
+from analysis.inference.expected import (
+    ASSUMED_JOINT_DEG,
+    ASSUMED_UM,
+    DETECTABLE,
+    SEPARABLE,
+    is_detectable,
+    is_separable,
+)
+from analysis.inference.plan import Detectability, Pair, Plan, SeparatingTest
+from analysis.inference.result import ODDS
+from analysis.inference.state import FAULT
 from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field

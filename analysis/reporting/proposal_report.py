@@ -9,9 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnosis.circle_candidates import SET_UP_MIN
-from analysis.diagnosis.judgement import Judgement
-from analysis.diagnosis.proposal import Proposal, ProposedCircle
+from analysis.inference.plan import Judgement
+from analysis.inference.proposal import SET_UP_MIN, Proposal, ProposedCircle
 from analysis.reporting.plan_report import noise_in_words
 from analysis.reporting.wide_tables import whole
 from rigs.edit import Keys, Value, with_values

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.background import Background, background_of
-from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns, Form, columns_for
-from analysis.diagnosis.diagnose import diagnose
-from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.linearisation import Linearisation, linearise
-from analysis.diagnosis.observed_run import ObservedRun, observe_run
-from analysis.diagnosis.plan import Plan, plan
-from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.inference.background import Background, background_of
+from analysis.inference.blocks import blocks_of
+from analysis.inference.candidates import Columns, Form, candidates_for, columns_for
+from analysis.inference.diagnose import diagnose
+from analysis.inference.observation import ObservedRun, observe_run
+from analysis.inference.plan import Plan, plan
+from analysis.inference.responses import Linearisation, linearise
+from analysis.inference.result import Diagnosis
+from analysis.inference.setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import SetUp, model_of, moved, nominal_setup, path_of
 from analysis.simulation.simulate import simulate

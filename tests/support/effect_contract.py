@@ -12,19 +12,16 @@ import numpy as np
 
 from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.support import supports
-from analysis.diagnosis.background import background_of
-from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import columns_for
-from analysis.diagnosis.diagnosis import Named
-from analysis.diagnosis.linearisation import linearise
-from analysis.diagnosis.observed_run import observe_run
-from analysis.diagnosis.refine import refine
-from analysis.diagnosis.run_setups import fit_run_setups
-from analysis.fitting.calibrate import calibrate
-from analysis.fitting.effect_choice import parse_effects
-from analysis.fitting.estimate import fit, sizes
-from analysis.fitting.observation import observe
+from analysis.inference.background import background_of
+from analysis.inference.blocks import blocks_of
+from analysis.inference.calibrate import calibrate, parse_effects
+from analysis.inference.candidates import candidates_for, columns_for
+from analysis.inference.estimate import fit, sizes
+from analysis.inference.observation import observe, observe_run
+from analysis.inference.refine import refine
+from analysis.inference.responses import linearise
+from analysis.inference.result import Named
+from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.reporting import plan_report
 from analysis.reporting.diagnosis_words import plain, size

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.answer import Accuracy, BudgetPart, Condition
-from analysis.diagnosis.diagnosis import (
+from analysis.inference.result import (
+    Accuracy,
+    BudgetPart,
+    Condition,
     Curve,
     Diagnosis,
     Gap,

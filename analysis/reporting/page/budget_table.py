@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.diagnosis.answer import BudgetPart
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.inference.result import BudgetPart, Diagnosis
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.texts import Texts
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
+from analysis.inference.result import Diagnosis, Named, Rival
 from analysis.reporting.answer_words import AnswerWords, part_of
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, remedy, size, sure
 from analysis.reporting.texts import Texts

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis.diagnosis.diagnosis import Diagnosis, Map
-from analysis.fitting.compare import Compared, Comparison
+from analysis.inference.compare import Compared, Comparison
+from analysis.inference.result import Diagnosis, Map
 from analysis.kinematics.arm import Array
 from analysis.measures.repeatability import SIDES, RepeatabilityResult
 from analysis.measures.results import Result

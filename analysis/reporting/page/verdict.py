@@ -8,8 +8,8 @@ from typing import Literal
 
 import yaml
 
-from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.standing import JudgedFigure, judged_figures
+from analysis.inference.result import Diagnosis
+from analysis.inference.verdict import JudgedFigure, judged_figures
 from analysis.measures.results import Result
 from analysis.reporting.labels import whole_label
 from analysis.reporting.page.columns import title_of

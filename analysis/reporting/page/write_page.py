@@ -19,7 +19,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from analysis.diagnosis.selection_state import FAULT
+from analysis.inference.state import FAULT
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html

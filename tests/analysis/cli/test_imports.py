@@ -75,7 +75,7 @@ def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> No
     modules = imported(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
     layers = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
-    assert not layers & {"diagnosis", "fitting", "correction", "simulation", "live", "setup", "history", "paper"}
+    assert not layers & {"inference", "setting_up", "correction", "simulation", "live", "setup", "history", "paper"}
 
 
 def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from analysis.conventions.repeats import repeat_findings
-from analysis.diagnosis.prepared_runs import prepare_runs
+from analysis.inference.prepared_runs import prepare_runs
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable

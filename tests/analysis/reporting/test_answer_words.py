@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import pytest
 
-from analysis.diagnosis.answer import Accuracy, BudgetPart, Condition, Doubt
+from analysis.inference.result import Accuracy, BudgetPart, Condition, Doubt
 from analysis.reporting.answer_words import AnswerWords, NextStep, doubt_words, next_step
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY

@@ -14,8 +14,7 @@ import pytest
 from rich.console import Console
 
 from analysis.correction.support import supports
-from analysis.diagnosis.answer import Condition
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, ResidualBand
+from analysis.inference.result import Condition, Diagnosis, Gap, ResidualBand
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_picture import picture

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.inference.result import Diagnosis
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.write_page import rendered

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
-from analysis.diagnosis.answer import Condition
+from analysis.inference.result import Condition
 from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.still_chart import still
@@ -191,7 +191,7 @@ def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], 
 def test_diagnose_writes_the_same_page(
     runs: list[Path], report: Report, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", lambda *_: report.found)
+    monkeypatch.setattr("analysis.inference.diagnose.diagnose", lambda *_: report.found)
     done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.exception
     written = _text((tmp_path / "page.html").read_text(encoding="utf-8"))

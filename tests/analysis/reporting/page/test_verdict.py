@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from analysis import Result, evaluate_runs, load_run
-from analysis.diagnosis.standing import standing_of
+from analysis.inference.verdict import standing_of
 from analysis.measures.columns import figure_columns
 from analysis.reporting.page.verdict import Verdict, example_limits, judge, named, verdict_sentence
 from analysis.reporting.texts import LANGUAGES, Language, texts_of

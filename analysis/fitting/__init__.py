@@ -1,1 +1,0 @@
-"""Fitting of the forward model to runs: set-ups, effects, noise and weights, and the uncertainty of what was fitted."""

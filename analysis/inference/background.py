@@ -1,0 +1,573 @@
+"""The background: everything that is not named, as one normal distribution, and errors whose form is free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import pairwise
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
+from analysis.inference.blocks import Block
+from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, fault_sizes
+from analysis.inference.responses import Linearisation, Response
+from analysis.kinematics.arm import Array, Integers, forward
+from rigs.calibration import Term, effects_of, is_nothing
+from rigs.effects import Effect
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The background: everything that is not named, as one normal distribution of noise, set-ups, scatter between runs and
+# a healthy share of every effect.
+#
+# The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands where more
+# remains than noise explains) and V the prior variances of all columns. With M = I + √V X'WX √V,
+#
+#     a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
+#
+# The columns add X m at their prior means m, which is subtracted from the readings before any product.
+#
+# The size that a single form may have follows from its cavity (Λ, η): what the readings say about it without its own
+# prior.
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Values (N, k) in a background: `weighted` (N, k) by the noise, and `half` (p, k), the part that the columns
+    absorb."""
+
+    values: Array
+    weighted: Array
+    half: Array
+
+    def products(self, other: Weighed) -> Array:
+        """Return values' C⁻¹ other, a matrix (k, l) for whitened values (N, k) and (N, l)."""
+        found: Array = self.weighted.T @ other.values - self.half.T @ other.half
+        return found
+
+
+@dataclass(frozen=True)
+class FittedTerms:
+    """Terms that are fitted beside the background: q columns in some responses, with prior precision (q, q) and prior
+    mean (q,), and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that
+    a limit holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
+
+    r: Array
+    responses: tuple[Response, ...]
+    precision: Array
+    mean: Array
+    held: Array
+
+    @cached_property
+    def T(self) -> Array:  # noqa: N802 - a matrix
+        """The columns (N, q)."""
+        return np.concatenate([np.empty((len(self.r), 0)), *(one.columns for one in self.responses)], axis=1)
+
+    def best(self, normal: Array, right: Array) -> Array:
+        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
+        limits hold."""
+        free, found = np.isnan(self.held), self.held.copy()
+        beside = right[free] - normal[np.ix_(free, ~free)] @ found[~free]
+        found[free] = np.linalg.solve(normal[np.ix_(free, free)], beside)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
+    coefficients of all columns, and the weighted products X'WX (p, p) of the columns."""
+
+    columns: Columns
+    weight: Array
+    variance: Array
+    mean: Array
+    gram: Array
+    _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
+    _weighed: WeakKeyDictionary[Response, Weighed] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
+
+    @cached_property
+    def _root(self) -> Array:
+        root: Array = np.sqrt(self.variance)
+        return root
+
+    @cached_property
+    def _chol(self) -> Array:
+        """The lower Cholesky factor (p, p) of M."""
+        from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
+
+        M = self._root[:, None] * self.gram * self._root
+        M[np.diag_indices_from(M)] += 1.0
+        return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
+
+    @cached_property
+    def pull(self) -> Array:
+        """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
+        none = np.zeros_like(self.mean)
+        return np.asarray(np.divide(self.mean, self.variance, out=none, where=self.variance > 0), dtype=float)
+
+    @cached_property
+    def at_mean(self) -> Array:
+        """What the columns add to the whitened readings (N,) at their prior means."""
+        found: Array = self.columns.X @ self.mean
+        return found
+
+    def weighed(self, values: Array) -> Weighed:
+        """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
+        weighted = self.weight[:, None] * values
+        # In this order the product of many rows with few columns takes a third of the time.
+        return self._halved(values, weighted, weighted.T @ self.columns.X)
+
+    def _halved(self, values: Array, weighted: Array, products: Array) -> Weighed:
+        """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        right = self._root[:, None] * products.T
+        half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
+        return Weighed(values, weighted, np.asarray(half, dtype=float))
+
+    def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
+        """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
+        parts = [self._weighed_response(one) for one in responses]
+        parts += [] if values is None else [self.weighed(values)]
+        if len(parts) == 1:
+            return parts[0]
+        own = np.empty((len(self.weight), 0))
+        return Weighed(
+            np.concatenate([own, *(one.values for one in parts)], axis=1),
+            np.concatenate([own, *(one.weighted for one in parts)], axis=1),
+            np.concatenate([np.empty((len(self.variance), 0)), *(one.half for one in parts)], axis=1),
+        )
+
+    def _weighed_response(self, one: Response) -> Weighed:
+        """Return a response weighed."""
+        if one not in self._weighed:
+            weighted = self.weight[:, None] * one.columns
+            products = self.columns.weighted_products(one, self.weight)
+            self._weighed[one] = self._halved(one.columns, weighted, products)
+        return self._weighed[one]
+
+    def weighed_terms(self, known: FittedTerms) -> Weighed:
+        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
+        ones are kept, because a state's evidence and its posterior need the same."""
+        if not self._latest or self._latest[0][0] is not known:
+            self._latest[:] = [(known, self.weighed_responses(known.responses, (known.r - self.at_mean)[:, None]))]
+        return self._latest[0][1]
+
+    def taken(self, weighed: Weighed) -> Array:
+        """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
+        found: Array = self._root[:, None] * back
+        return found
+
+    @property
+    def logdet(self) -> float:
+        """The logarithm of the determinant of the covariance of the readings."""
+        return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The posterior covariance A (p, p) of all coefficients, with no terms fitted beside them."""
+        from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
+
+        lower, _ = dpotri(self._chol, lower=True)
+        found: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
+        found[np.diag_indices_from(found)] /= 2
+        found *= self._root[:, None]
+        found *= self._root
+        return found
+
+    @cached_property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
+        no terms fitted beside them."""
+        found: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
+        return found
+
+    def posterior(self, known: FittedTerms) -> Posterior:
+        """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
+        return Posterior(self, known)
+
+    def evidence(self, known: FittedTerms) -> float:
+        """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
+        q = len(known.mean)
+        weighed = self.weighed_terms(known)
+        products = weighed.products(weighed)
+        normal = products[:q, :q] + known.precision
+        right = products[:q, q] + known.precision @ known.mean
+        best = known.best(normal, right)
+        cost = products[q, q] + known.mean @ known.precision @ known.mean - (2 * right - normal @ best) @ best
+        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + self.logdet
+        return -0.5 * float(cost + occam)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of all coefficients of whitened columns beside fitted terms."""
+
+    background: Background
+    terms: FittedTerms
+
+    @cached_property
+    def _weighed(self) -> Weighed:
+        return self.background.weighed_terms(self.terms)
+
+    @cached_property
+    def _products(self) -> Array:
+        return self._weighed.products(self._weighed)
+
+    @cached_property
+    def known_covariance(self) -> Array:
+        """The covariance (q, q) of the fitted terms."""
+        q = len(self.terms.mean)
+        return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
+
+    @cached_property
+    def known(self) -> Array:
+        """The means (q,) of the fitted terms."""
+        q, terms = len(self.terms.mean), self.terms
+        normal = self._products[:q, :q] + terms.precision
+        return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
+
+    @cached_property
+    def _taken(self) -> Array:
+        """The coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
+        return self.background.taken(self._weighed)
+
+    @cached_property
+    def mean(self) -> Array:
+        """The means (p,) of the columns of the background."""
+        found: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
+        return found
+
+    @cached_property
+    def variance(self) -> Array:
+        """The variances (p,) of the columns of the background."""
+        taken = self._taken[:, :-1]
+        found: Array = np.diag(self.background.covariance) + np.sum(taken @ self.known_covariance * taken, axis=1)
+        return found
+
+    def covariance_among(self, columns: Integers) -> Array:
+        """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
+        taken = self._taken[:, :-1][columns]
+        own = self.background.covariance[columns[..., :, None], columns[..., None, :]]
+        return np.asarray(own + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+
+    def joint_covariance(self, columns: int, fitted: int) -> Array:
+        """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
+        background, in healthy sizes."""
+        own, taken = self.known_covariance[:fitted], self._taken[:columns, :-1]
+        across = -own @ taken.T
+        below = self.background.covariance[:columns, :columns] + taken @ self.known_covariance @ taken.T
+        return np.asarray(np.block([[own[:, :fitted], across], [across.T, below]]), dtype=float)
+
+    def covariance_times(self, vector: Array) -> Array:
+        """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
+        taken = self._taken[:, :-1]
+        found: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
+        return found
+
+    @cached_property
+    def residual(self) -> Array:
+        """The whitened residual (N,) with all coefficients at their means."""
+        found: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
+        return found
+
+    @cached_property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides.
+
+        What a fitted term adds to the readings is what the columns leave of it, since they take back the rest.
+        """
+        columns = self.background.columns
+        left = self.terms.T - columns.X @ self._taken[:, :-1]
+        each = np.sum(left @ self.known_covariance * left, axis=1)
+        found: Array = self.background.spent + np.bincount(columns.band, each)
+        return found
+
+    @property
+    def unexplained(self) -> Array:
+        """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
+        left: Array = self.terms.r - self.background.at_mean
+        return left
+
+    @property
+    def healthy_share(self) -> Array:
+        """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
+        forms = self.background.columns.set_ups.start
+        share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
+        return share
+
+    def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array, Array]:
+        """Return four arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
+        log evidence as the single form that its name has, at the level of all others; its size in sigmas at a healthy
+        size; and the size in healthy sizes that the readings show of it beside everything else."""
+        fault, pick, sigma, size = np.full((4, len(forms)), -np.inf)
+        sigma[:] = size[:] = 0.0
+        width = np.array([len(form.columns) for form in forms])
+        for q in np.unique(width).tolist():
+            members = np.flatnonzero(width == q)
+            cols = np.array([forms[k].columns for k in members.tolist()])
+            prior, mean = self.background.variance[cols], self.background.mean[cols]
+            kept = (prior > 0).all(axis=1)
+            members, cols, prior, mean = members[kept], cols[kept], prior[kept], mean[kept]
+            if not len(members):
+                continue
+            inverse = np.linalg.inv(self.covariance_among(cols))
+            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
+            precision = inverse.copy()
+            precision[:, np.arange(q), np.arange(q)] -= 1 / prior
+            values, turn = np.linalg.eigh(precision)
+            values = np.maximum(values, 0.0)
+            along, at = (np.einsum("nij,ni->nj", turn, one) for one in (eta, mean))
+            seen = along**2
+            now = cavity_evidence(values, (along - values * at) ** 2, prior.mean(axis=1)[:, None])
+            now += np.sum(along * at - 0.5 * values * at**2, axis=1)
+            fault[members] = fault_evidence(values, seen, level) - now
+            pick[members] = cavity_evidence(values, seen, level**2 / q) - now
+            sigma[members] = np.sqrt(values.max(axis=1))
+            shown = np.divide(along, values, out=np.zeros_like(along), where=values > 0)
+            size[members] = np.linalg.norm(shown, axis=1)
+            if q == 1:
+                wrong = [
+                    k for k, way in zip(members.tolist(), eta[:, 0], strict=True) if way < 0 and forms[k].one_sided
+                ]
+                fault[wrong] = pick[wrong] = -np.inf
+        return fault, pick, sigma, size
+
+    def cavity(self, columns: Array) -> tuple[Array, Array]:
+        """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
+        and the vector η (q,)."""
+        own = self.background.weighed(columns)
+        across = self._weighed.products(own)
+        known, left = across[:-1], across[-1] - self.known @ across[:-1]
+        precision: Array = own.products(own) - known.T @ self.known_covariance @ known
+        return precision, left
+
+    def left_of(self, columns: Array) -> Array:
+        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        own = self.background.weighed(columns)
+        known = self.known_covariance @ self._weighed.products(own)[:-1]
+        taken = self.background.taken(own) - self._taken[:, :-1] @ known
+        left: Array = columns - self.terms.T @ known - self.background.columns.X @ taken
+        return left
+
+    def size(self, form: Form) -> Array:
+        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
+        cols = np.array(form.columns)
+        inverse = np.linalg.inv(self.covariance_among(cols))
+        eta = inverse @ self.mean[cols] - self.background.pull[cols]
+        precision = inverse - np.diag(1 / self.background.variance[cols])
+        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
+
+
+def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
+    """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
+    mean = np.zeros(len(variance)) if mean is None else mean
+    return Background(columns, weight, variance, mean, columns.weighted_gram(weight))
+
+
+def fault_evidence(values: Array, seen: Array, level: float) -> Array:
+    """Return the log evidence (…) of cavities for a fault of any size over no fault.
+
+    `values` (…, q) are the eigenvalues of the precision, `seen` (…, q) the squares of η along its eigenvectors.
+    """
+    each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
+    top = each.max(axis=0)
+    found: Array = top + np.log(np.exp(each - top).mean(axis=0))
+    return found
+
+
+def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
+    """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
+    eigenvectors (…, q) and prior variance V."""
+    found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
+    return found
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What the background is on average, as terms and as effects of the arm.
+#
+# Every form of the background is its effect at the size at which its column was computed, and how many times of it
+# the readings show. Single forms are rarely certain, and their sum is: it is what reaches a tenth of a millimetre
+# where named effects reach half of one.
+
+
+def background_terms(posterior: Posterior) -> list[Term]:
+    """Return the forms of the background, each with how many times it shows on average."""
+    mean, found = posterior.mean, []
+    for form in posterior.background.columns.forms:
+        for effect, column in zip(form.effects, form.columns, strict=True):
+            times = float(mean[column] / form.size)
+            # What a model leaves out is not written either, so that whoever reads the file has the same model.
+            times = 0.0 if is_nothing(effect, times) else times
+            found.append(Term.model_construct(effect=effect, times=times, named=False))
+    return found
+
+
+def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
+    """Return what the forms of the background are together, as effects of the arm."""
+    return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Free forms: errors without a name, whose shape is left open. They are an error of an axis as a function of its
+# angle, of its speed or of a direction of motion; of the gauges as a function of time; and of the ball as a function
+# of position.
+#
+# Each effect of the library has a definite shape, so it explains with two or three parameters what a free form needs
+# many for. Where a free form still explains much of the residual of the names, an effect outside the library is
+# present, and the form describes what it depends on.
+
+_WAVES = 24
+"""Half waves over the range of an angle, or over the duration of a run. Their strength falls as one over their number,
+as in the path of a random walk, so that a function may bend and step. Chosen: fine enough for a feature of a few
+degrees."""
+_POWERS = np.array([0.5, 1.0, 2.0])
+"""Powers of the speed that describe an error that depends on speed. Chosen: square root, linear and quadratic, which
+cover friction and inertia."""
+_SLOW = np.radians(0.2)
+"""Rad/s below which the direction of motion of a joint is not clear. Chosen: a fraction of the slowest joint speeds of
+a circle."""
+_UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
+"""Units of the columns. They have no effect on the result, because the strength is scaled."""
+_STRENGTHS = 4.0 ** np.arange(-4, 11)
+"""Squares of a form's strength in these units; the best is used. The grid reaches from 1/16 of a unit to 1000 units in
+factors of two."""
+FREE_PRICE = 6.0
+"""Logarithm of the number of choices: some 26 forms times 15 strengths."""
+
+
+@dataclass(frozen=True)
+class FreeForm:
+    """A form with its description and its columns (N, c) in standard deviations of the noise."""
+
+    words: str
+    columns: Array
+
+
+@dataclass(frozen=True)
+class FittedFreeForm:
+    """The free form that explains most of what the names leave, at its most likely strength, with its log evidence
+    after the price of the choice among forms and strengths."""
+
+    form: FreeForm
+    gain: float
+
+
+def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFreeForm:
+    """Return the free form that explains most of what the names leave beside everything else, at its most likely
+    strength; its columns are (N, c)."""
+    # One product with the columns of all forms takes two thirds of the time of one product for each form.
+    ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
+    products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
+    own = [slice(begin, end) for begin, end in pairwise(ends)]
+    gains = [_gains(products[one, one], slope[one]) for one in own]
+    k = int(np.argmax([gain.max() for gain in gains]))
+    strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
+    form = FreeForm(forms[k].words, strength * forms[k].columns)
+    return FittedFreeForm(form, float(gains[k].max()) - FREE_PRICE)
+
+
+def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
+    """Yield the free forms that the runs could show, with columns (N, c)."""
+    # On circles joints move while they are read, elsewhere between readings.
+    motion = _Motion(tuple(block for block in linear.blocks if block.sampling) or linear.blocks)
+    for axis in range(1, 7):
+        error = f"an error of axis {axis} that goes with"
+        if motion.span[axis - 1] > 0:
+            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
+        if motion.fastest[axis - 1] > 0:
+            words = f"{error} its speed, whichever way it turns"
+            yield FreeForm(words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
+        for joint in np.flatnonzero(motion.fastest).tolist():
+            words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
+            yield FreeForm(words, linear.by_joint(axis, partial(motion.way, joint)))
+    for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
+        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
+    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """The motion of the joints in some blocks."""
+
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def _low(self) -> Array:
+        """The smallest angles (6,) rad."""
+        return np.asarray(np.min([block.one.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
+
+    @cached_property
+    def span(self) -> Array:
+        """The range (6,) rad of the joints."""
+        highest: Array = np.max([block.one.path.q.max(axis=0) for block in self.blocks], axis=0)
+        return highest - self._low
+
+    @cached_property
+    def fastest(self) -> Array:
+        """The largest speeds (6,) rad/s of the joints."""
+        return np.asarray(np.max([np.abs(_rates(block)).max(axis=0) for block in self.blocks], axis=0), dtype=float)
+
+    def angle(self, joint: int, block: Block) -> Array:
+        """Return functions (n, c) rad of the angle of a joint at the samples of a block."""
+        share = (block.one.path.q[:, joint] - self._low[joint]) / self.span[joint]
+        return _waves(share, _UNIT_RAD)
+
+    def speed(self, joint: int, block: Block) -> Array:
+        """Return functions (n, c) rad of the speed of a joint at the samples of a block."""
+        off: Array = _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
+        return off
+
+    def way(self, joint: int, block: Block) -> Array:
+        """Return a function (n, 1) rad of the direction of motion of a joint at the samples of a block."""
+        off: Array = _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
+        return off
+
+
+def _time(block: Block) -> Array:
+    """Return functions (n, c) mm of the time of the samples of a block."""
+    t = block.one.path.t_s
+    return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
+
+
+def _around(block: Block) -> Array:
+    """Return functions (n, c) mm of the circle angle of the samples of a block."""
+    q = block.one.path.q
+    if not block.sampling:
+        return np.zeros((len(q), 2 * _WAVES))
+    tool = forward(block.model.arm, q)[:, :3, 3]
+    turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
+    waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
+    parts: Array = _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
+    return parts
+
+
+def _waves(share: Array, unit: float) -> Array:
+    """Return half waves (n, c) of a share (n,) between 0 and 1."""
+    number = np.arange(1, _WAVES + 1)
+    waves: Array = unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
+    return waves
+
+
+def _rates(block: Block) -> Array:
+    """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
+    path = block.one.path
+    rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
+    return rates
+
+
+def _gains(products: Array, slope: Array) -> Array:
+    """Return the log evidence (s,), for each strength, of columns with unknown normal coefficients of that strength
+    over no columns, given their products with each other (c, c) and with the residual (c,)."""
+    power, turn = np.linalg.eigh(products)
+    power = np.maximum(power, 0.0)
+    seen = (turn.T @ slope) ** 2
+    strengths = _STRENGTHS[:, None]
+    gains: Array = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    return gains

@@ -1,0 +1,306 @@
+"""The budget of the error, whose shares add up to one, and the size of a name that each set-up shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from analysis.inference.background import Posterior
+from analysis.inference.candidates import Form
+from analysis.inference.observation import GRID, ORDER_OF
+from analysis.inference.responses import Linearisation, Response, basis_of, worth
+from analysis.inference.result import BudgetPart, Gap, Named, Rank, Share
+from analysis.inference.search import SearchResult
+from analysis.inference.state import FAULT
+from analysis.kinematics.arm import Array
+from analysis.traces.tables import PoseTable
+from rigs.effects import Effect
+from rigs.schema.effect import PartKind, healthy, label_of, size_field
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The budget: every part of the gap between model and readings, so that the shares add up to one.
+#
+# With t the residual of the model as it was and e_i what part i adds to the readings, all without what set-ups
+# absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
+# goes to each. Every test counts by its readings, as in the gap.
+
+CERTAIN_SIGMA = 7.0
+"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
+"""
+_DOUBTED_SIGMA = 2.0
+"""Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+_BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
+"""Kinds of parts that each joint has one of."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
+    set-ups absorb."""
+
+    linear: Linearisation
+
+    @cached_property
+    def _root(self) -> Array:
+        """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
+        blocks = self.linear.blocks
+        readings = np.array([len(block.one.rows) * block.count for block in blocks], dtype=float)
+        parts = []
+        for block, share in zip(blocks, readings / readings.sum(), strict=True):
+            factor = np.zeros(len(block.y_mm))
+            if block.sampling:
+                factor[: len(ORDER_OF)] = 1 / (2 * GRID)
+            else:
+                factor[:] = (3 if isinstance(block.one.table, PoseTable) else 1) / len(factor)
+            parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
+        return np.concatenate(parts)
+
+    @cached_property
+    def _basis(self) -> Array:
+        """An orthonormal basis (N, s) of what set-ups absorb where every reading counts alike, as in the gap."""
+        return basis_of(self._root[:, None] * self.linear.U)
+
+    def of(self, changes: Array) -> Array:
+        """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
+        weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
+        kept: Array = weighted - self._basis @ (self._basis.T @ weighted)
+        return kept
+
+    def um(self, changes: Array) -> float:
+        """Return the root mean square in µm of whitened changes (N,)."""
+        return float(np.linalg.norm(self.of(changes)))
+
+
+@dataclass(frozen=True)
+class EffectChange:
+    """What a fitted effect does: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm, and
+    how many times as much as a healthy one does."""
+
+    change: Array
+    um: float
+    u_um: float
+    times_usual: float
+
+
+def effect_changes(result: SearchResult) -> list[EffectChange]:
+    """Return what each fitted effect does to the readings (N,), with what is allowed for beside it.
+
+    Its uncertainty is that of the change and not of a parameter: a size and a shape that trade off leave the change as
+    certain as the readings show it.
+    """
+    refined, posterior, measure = result.state.refined, result.posterior, Measure(result.linear)
+    T, known, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
+    allowed = len(refined.unknowns) + np.cumsum([0, *(one.columns.shape[1] for one in refined.departures)])
+    found = []
+    for k, effect in enumerate(refined.effects):
+        own = [j for j, unknown in enumerate(refined.unknowns) if unknown.effect == k]
+        beside = list(range(int(allowed[k]), int(allowed[k + 1])))
+        change = result.contributions[k] + T[:, beside] @ known[beside]
+        columns, um = measure.of(T[:, own]), measure.um(change)
+        u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(own, own)] * columns), 0.0)))
+        usual = measure.um(result.linear.columns([_usual(effect)])[:, 0])
+        found.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
+    return found
+
+
+def _usual(effect: Effect) -> Effect:
+    """Return the effect as a healthy arm shows it."""
+    expected = {one.field: one.expected for one in effect.FREE}
+    return healthy(effect).model_copy(update=expected)
+
+
+def budget_of(
+    result: SearchResult, named: Sequence[Named], changes: Sequence[EffectChange], gap: Gap
+) -> list[BudgetPart]:
+    """Return the parts of the gap, the largest share first; the shares add up to 1. `named` has the fitted effects in
+    any order, and may have a vibration that no model removes; changes are of readings (N,)."""
+    return _Budget(result, gap).parts(named, changes)
+
+
+@dataclass(frozen=True)
+class _Budget:
+    result: SearchResult
+    gap: Gap
+
+    @cached_property
+    def measure(self) -> Measure:
+        return Measure(self.result.linear)
+
+    @cached_property
+    def whole(self) -> Array:
+        """The gap (N,), of which the sum of squares is its mean square in µm²."""
+        return self.measure.of(self.result.linear.residual(()))
+
+    @cached_property
+    def whole_um2(self) -> float:
+        """The mean square of the gap in µm²: that of the mean of repeated runs, and what single runs differ from it."""
+        return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
+
+    @cached_property
+    def _apart_um2(self) -> float:
+        """What single runs differ from the mean of their repeats by, in µm²."""
+        blocks = self.result.linear.blocks
+        share = np.array([1 - 1 / block.count for block in blocks])
+        return float(np.mean(share)) * self.gap.noise_floor_um**2
+
+    def share(self, vector: Array) -> float:
+        """Return the share of the gap of a vector (N,) of `Measure.of`."""
+        return float(vector @ self.whole) / self.whole_um2
+
+    def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
+        effects = self.result.state.refined.effects
+        found = [
+            self._effect(one, place, changes[effects.index(one.effect)])
+            for place, one in enumerate(named)
+            if one.effect in effects
+        ]
+        found += self._groups()
+        rest = self._unexplained()
+        scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(one.share for one in [*found, rest]))
+        for place, one in enumerate(named):
+            if one.effect not in effects:  # a vibration, whose phase is new in each run
+                share = min(one.worth_um**2 / self.whole_um2, max(scatter.share, 0.0))
+                own = BudgetPart("effect", one.worth_um, one.u_um, share, name=label_of(one.effect), odds=one.posterior)
+                found.append(replace(own, rank="unusual", index=place))
+                scatter = replace(scatter, share=scatter.share - share)
+        return sorted([*found, rest, scatter], key=lambda one: -one.share)
+
+    def _effect(self, one: Named, place: int, change: EffectChange) -> BudgetPart:
+        part = BudgetPart("effect", change.um, change.u_um, self.share(self.measure.of(change.change)))
+        return replace(
+            part, axis=getattr(one.effect, "axis", None), name=label_of(one.effect), times_usual=change.times_usual,
+            rank=_rank(one, change), odds=one.posterior, held_out_gain=one.held_out_gain, doubt=one.doubt, index=place,
+        )  # fmt: skip
+
+    def _groups(self) -> list[BudgetPart]:
+        """Return what the many small terms of each kind make together."""
+        posterior, columns = self.result.posterior, self.result.selection.columns
+        groups: dict[tuple[PartKind, int | None], list[Form]] = {}
+        for form in columns.forms:
+            effect = form.effects[0]
+            axis = getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
+            groups.setdefault((effect.part, axis), []).append(form)
+        found = []
+        for (kind, axis), forms in groups.items():
+            own = np.array([column for form in forms for column in form.columns])
+            moved = self.measure.of(columns.X[:, own])
+            vector = moved @ posterior.mean[own]
+            gram = moved.T @ moved
+            u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(own)), 0.0)))
+            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own])))
+            um = float(np.linalg.norm(vector))
+            times = um / usual_um if usual_um > 0 else 0.0
+            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if times > FAULT else "usual"
+            found.append(BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank))
+        return found
+
+    def _unexplained(self) -> BudgetPart:
+        """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""
+        result = self.result
+        strength = result.state.strength[result.selection.columns.band]
+        beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
+        vector = self.measure.of(beyond * result.posterior.residual + result.free_share)
+        return BudgetPart("unexplained", float(np.linalg.norm(vector)), 0.0, self.share(vector))
+
+    @cached_property
+    def _scatter_um(self) -> float:
+        """The rms in µm of what differs from run to run, with the noise."""
+        result = self.result
+        forms = result.selection.columns.set_ups.stop
+        strength = result.state.strength[result.selection.columns.band]
+        within = 1 - np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
+        moved = result.selection.columns.X[:, forms:] @ result.posterior.mean[forms:]
+        inside = self.measure.um(within * result.posterior.residual + moved)
+        return float(np.sqrt(inside**2 + self._apart_um2))
+
+
+def _rank(one: Named, change: EffectChange) -> Rank:
+    if one.stands:
+        return "unusual"
+    if one.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
+        return "undecided"
+    return "usual"
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The size of a name that each set-up shows: an effect of the arm acts at every place with one size.
+#
+# An error that no effect explains can look like one on a circle, and even on two, but hardly with the same size at
+# every place. So where set-ups disagree on the size of a name, the name imitates something else.
+
+_WIDE = 100.0
+"""Prior standard deviation of a share. It only bounds what the readings of a set-up hardly show. Chosen: far beyond any
+share of interest."""
+_CHANCE = 0.05
+"""Probability that set-ups that agree seem to disagree on a size. Chosen: the usual level of a test."""
+
+
+@dataclass(frozen=True)
+class SizesBySetUp:
+    """The size of a name in each of n set-ups that show it, fitted together with everything else that may be present:
+    `value` (n,) as a share of the size in all runs, and `covariance` (n, n). A name that fewer than two show has
+    none."""
+
+    setups: tuple[str, ...]
+    value: Array
+    covariance: Array
+
+    def shares(self) -> tuple[Share, ...]:
+        """Return the share that each set-up shows, with its standard uncertainty."""
+        sds = np.sqrt(np.diag(self.covariance))
+        return tuple(Share(*one) for one in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
+
+    def birge_ratio(self) -> float:
+        """Return the factor by which the uncertainties of the name are larger than the noise of the readings explains,
+        because its set-ups disagree on its size; 1 where they agree.
+
+        An error of the form, as of a play that is crossed in another way, makes another size of it on each path. The
+        ratio is that of Birge (1932), as CODATA uses it for constants, where chance explains a disagreement in one of
+        20 cases.
+        """
+        from scipy.special import chdtri  # noqa: PLC0415 - slow to import
+
+        if not self.setups:
+            return 1.0
+        weight, freedom = np.linalg.inv(self.covariance), len(self.setups) - 1
+        away = self.value - (weight @ self.value).sum() / weight.sum()
+        disagreement = float(away @ weight @ away)
+        return float(np.sqrt(disagreement / freedom)) if disagreement > chdtri(freedom, _CHANCE) else 1.0
+
+
+def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
+    """Return the sizes of name k in the set-ups in which it changes readings by more than the limits (b,) µm."""
+    linear, change = result.linear, result.contributions[k]
+    setups = np.array([block.one.setup for block in linear.blocks])
+    shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
+    if len(shown) < 2:
+        return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
+    # One column for each of these set-ups and one for all others, in which the name is free as well.
+    number = np.array([shown.index(setup) if setup in shown else len(shown) for setup in setups])
+    columns = np.zeros((len(change), number.max() + 1))
+    for rows, column in zip(linear.rows, number, strict=True):
+        columns[rows, column] = change[rows]
+    precision, slope = _beside_size(result, k).cavity(columns)
+    covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
+    own = slice(len(shown))
+    return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[own], covariance[own, own])
+
+
+def _beside_size(result: SearchResult, k: int) -> Posterior:
+    """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
+    refined, known = result.state.refined, result.state.refined.known
+    own = size_field(refined.effects[k])
+    kept = np.ones(len(known.mean), dtype=bool)
+    kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
+    precision = known.precision[np.ix_(kept, kept)]
+    terms = replace(
+        known,
+        responses=(Response(known.T[:, kept]),),
+        precision=precision,
+        mean=known.mean[kept],
+        held=known.held[kept],
+    )
+    return Posterior(result.posterior.background, terms)

@@ -1,0 +1,572 @@
+"""Candidates: names that may explain readings, their departures from the ideal form, and all their columns."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.inference.blocks import Block
+from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
+from analysis.inference.responses import Linearisation, Response
+from analysis.kinematics.arm import Array
+from analysis.traces.tables import CircleTable, PoseTable
+from rigs.effects import VOCABULARY, Effect, one_sided
+from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.play import play
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The candidates: the names that a diagnosis can give, each with its possible columns in the readings.
+#
+# The response to an effect is simulate(model + effect) - simulate(model) (`linearisation`), so that no response is
+# written by hand. A column is such a response at a healthy size; an effect with a free phase has two. The effects
+# themselves define the available names, forms and shapes (`rigs/effects`).
+
+_PLAY_SIGMA = 15.0
+"""Size in sigmas of the narrowest play that is tried. Chosen: well above the detection limit of 7 sigma."""
+_PLAYS = (1.0, 6.0, 30.0)
+"""Widths of plays that are tried, in healthy widths: that of healthy arms, and two of faults, which are 5 to 100
+healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts the width."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
+    response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
+    also tries."""
+
+    name: str
+    effects: tuple[Effect, ...]
+    shaped: tuple[Effect, ...] = ()
+    size: float = 1.0
+
+    @property
+    def effect(self) -> Effect:
+        """The effect of its first column."""
+        return self.effects[0]
+
+
+def candidates_for(linear: Linearisation) -> list[Candidate]:
+    """Return every effect of the vocabulary that the runs of a linearisation, with their N entries, could show."""
+    scope = _scope(linear.blocks)
+    places = [forms for cls in VOCABULARY.values() for forms in cls.forms(scope)]
+    plays = [healthy(form) for forms in places for form in forms if is_play(form)]
+    sigmas = iter(np.linalg.norm(linear.columns(plays), axis=0))
+    found = []
+    for forms in places:
+        for form in forms:
+            sizes = _widths(float(next(sigmas))) if is_play(form) else [min(1.0, form.STRAIGHT)]
+            found += [_candidate(form, size) for size in sizes]
+    return found
+
+
+def _candidate(form: Effect, size: float) -> Candidate:
+    """Return the candidate of a form at `size` of its healthy size."""
+    whole = scaled(healthy(form), size)
+    shaped = tuple(whole.model_copy(update={free.field: free.tried}) for free in form.FREE if free.tried is not None)
+    return Candidate(name_of(form), phases(whole), shaped, size)
+
+
+def _widths(sigma: float) -> list[float]:
+    """Return the widths of a play to try, in healthy widths, given the sigmas of a healthy one. The response to a play
+    depends on its width."""
+    return sorted({min(1.0, _PLAY_SIGMA / max(sigma, 1e-9)), *_PLAYS})
+
+
+def _scope(blocks: Sequence[Block]) -> Scope:
+    """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
+    tables = [block.one.table for block in blocks]
+    timed = any(isinstance(table, CircleTable) for table in tables)
+    gauged = any(not isinstance(table, PoseTable) for table in tables)
+    gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
+    twist_deg = np.degrees(blocks[0].model.arm.alpha)
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks).tolist()))
+
+
+def _turned(blocks: Sequence[Block]) -> Array:
+    """Return the range (6,) of each joint in turns, on circles if there are any, where joints move while they
+    are read."""
+    swept = [block for block in blocks if isinstance(block.one.table, CircleTable)] or blocks
+    turned: Array = np.max([np.ptp(block.one.table.q, axis=0) for block in swept], axis=0) / (2 * np.pi)
+    return turned
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Departures: the deviations of a real gear, ball or brake from the ideal form of a named effect.
+#
+# They are never named. They are allowed for, in proportion to the effect, when it is fitted and when the residual is
+# judged. The effects themselves define their departures.
+
+_REVERSAL_SHIFT = 0.4
+"""Standard deviation of the error at a sample next to a reversal, as a share of the effect's size, and of the instant
+of the reversal, as a share of the time between samples. Chosen: the instant is known to about one sample, so any part
+of the jump may fall on either side."""
+_LEAST = 1e-3
+"""Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
+_NEGLIGIBLE = 0.01
+"""Largest standard deviation along one direction, in those of the noise, that `fewest_columns` leaves out. Chosen: a
+ten-thousandth of the variance of the noise."""
+_PARTS = 16
+"""Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""
+
+
+def departure_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
+    deviations of the noise."""
+    own = effect.departures()
+    parts = [_shares(linear, own.beside)]
+    parts += [_initial_play(linear, *own.gap, _PARTS)] if own.gap else []
+    parts += [_reversal_shifts(linear, *own.jolt)] if own.jolt else []
+    parts += [_stick_columns(linear, *own.stick)] if own.stick else []
+    parts += [_fading_columns(linear, effect)] if own.fades else []
+    parts += [_late_columns(linear, effect)] if effect.STAGE == "joint" else []
+    return np.concatenate(parts, axis=1)
+
+
+def alike_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return what combinations of effects that resemble an effect may add, one standard deviation each: columns (N, f)
+    in standard deviations of the noise."""
+    parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
+    return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
+
+
+def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> Array:
+    return linear.columns([effect for _, effect in effects]) * [share for share, _ in effects]
+
+
+def fewest_columns(columns: Array) -> Array:
+    """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
+    along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
+    variances, directions = np.linalg.eigh(columns.T @ columns)
+    fewest: Array = columns @ directions[:, variances > _NEGLIGIBLE**2]
+    return fewest
+
+
+def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
+    """Return columns (N, b), one standard deviation each, for the unknown position in their play of the effects' joints
+    before each run began."""
+    gaps = [one.gap for one in (effect.departures() for effect in effects) if one.gap]
+    return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
+
+
+def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int) -> Array:
+    """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
+
+    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_deg is divided into
+    parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    """
+    edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+
+    def off(block: Block) -> Array:
+        x = block.one.path.q[:, axis - 1]
+        return np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * _usual_shares(edges)
+
+    return _apart(linear, linear.by_joint(axis, off), sampling=True)
+
+
+def _usual_shares(edges: Array) -> Array:
+    """Return the root mean square (n,) of the share of each part of a play, between its edges (n + 1,), that lies
+    between its middle and a position that may be anywhere between -1 and 1."""
+    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
+    shares: Array = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
+    return shares
+
+
+def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
+    """Return columns (N, j) for the samples about each reversal of a joint. The instant of a reversal is known to about
+    one sample and differs by that between repeats, so a spike may begin earlier or later, and a play may be crossed
+    differently. One that fades is smaller or larger from then on."""
+    columns = []
+    for k, block in enumerate(linear.blocks):
+        if not block.sampling:
+            continue
+        path = block.one.path
+        for when, _ in path.motion.reversals(axis):
+            after = int(np.searchsorted(path.t_s, when))
+            columns += [
+                linear.jolt(k, axis, sample, min(_REVERSAL_SHIFT * size_deg, 1.0))
+                for sample in (after - 1, after)
+                if 0 <= sample < len(path.t_s)
+            ]
+    jolts = np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
+    return np.concatenate([jolts, _faded(linear, axis, size_deg, fades_s)], axis=1) if fades_s else jolts
+
+
+def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
+    """Return a column (N,) for each reversal of a joint in each circle, as (N, j): how much more is left of an effect
+    that fades in fades_s (s) if it began later."""
+    columns = [np.empty((len(linear.y), 0))]
+    for one, rows in zip(linear.simulated, linear.rows, strict=True):
+        if not one.block.sampling:
+            continue
+        path = one.block.one.path
+        turns = [when for when, _ in path.motion.reversals(axis)]
+        if not turns:
+            continue
+        since = np.subtract.outer(path.t_s, turns)
+        later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
+        more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
+        own = np.zeros((len(linear.y), since.shape[1]))
+        own[rows] = one.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
+        columns.append(own)
+    return np.concatenate(columns, axis=1)
+
+
+def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
+    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached
+    the target.
+    """
+    read = [not block.sampling and gauge == "g1" for block in linear.blocks]
+    off = np.concatenate([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
+    targets = np.flatnonzero(off)
+    columns = np.zeros((len(off), len(targets)))
+    columns[targets, np.arange(len(targets))] = off[targets]
+    return columns
+
+
+def _fading_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return a column (N,) for each block of targets, as (N, t): what is left there of an effect that fades while the
+    robot stands may be anything between nothing and twice as much."""
+    return _apart(linear, linear.columns([effect]), sampling=False)
+
+
+def _late_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return columns (N, c), c ≤ 3, for an effect that comes as much later as the stamps of healthy clocks have it, and
+    for how much smaller stamps that scatter make it.
+
+    What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
+    2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
+    scatter by 4 ms is 0.8 % smaller on average.
+    """
+    return _that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1))
+
+
+def _that_change(columns: Array) -> Array:
+    """Return those of columns (N, c) that change a reading."""
+    shown: Array = columns[:, np.abs(columns).max(axis=0) > _LEAST]
+    return shown
+
+
+def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
+    """Return columns (N, c) once for each circle, or, without sampling, for each block of targets, as (N, f): zero
+    elsewhere, and without those that change nothing."""
+    columns = [np.empty((len(whole), 0))]
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if bool(block.sampling) == sampling:
+            own = np.zeros_like(whole)
+            own[rows] = whole[rows]
+            columns.append(_that_change(own))
+    return np.concatenate(columns, axis=1)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The columns: everything that may change the readings, namely every form of every effect, the set-ups, and the
+# scatter between runs.
+#
+# A form is one way in which a name may appear: a gear error of one order (two columns, because its phase is free), or
+# a play of one width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is
+# distributed over its forms.
+
+_BALL_MM, _PLACED_MM = 10.0, 1000.0
+"""Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
+affects only what readings hardly determine, such as a ball's height above the plane of a circle. Chosen: people set up
+a ball where the tool goes round it, and an instrument anywhere. Poses of a UR10 whose last axis mostly points in two
+directions move instrument and target by 60 mm; when 10 mm was expected, a length at its limit took 12 mm of them."""
+_DETECTABLE_SIGMA = 3.0
+"""Smallest size in sigmas that the largest fault must have, were the set-up known, for its form to get a column.
+Chosen: below the 7 sigma at which an effect is detected."""
+LARGEST_FAULT = 68.0
+"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, since faults are 5 to 100
+healthy sizes."""
+_SMALLEST_FAULT = 6.0
+"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
+fault as 5 to 100 healthy sizes, with a margin of one."""
+_MEAN = float(np.sqrt(2 / np.pi))
+"""Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
+that cannot be negative."""
+_SIZE_RATIO = 1.85
+"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
+Chosen: the evidence is an average over sizes and smooth in their logarithm."""
+
+
+def fault_sizes(level: float) -> Array:
+    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
+    given level."""
+    least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
+    return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way in which a name may appear. `effects` has the effect of each column, `size` is their size in healthy
+    sizes, `columns` has their indices, and `among` is the number of forms of the name."""
+
+    name: str
+    effects: tuple[Effect, ...]
+    size: float
+    columns: tuple[int, ...]
+    among: int
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether its size cannot be negative."""
+        return len(self.effects) == 1 and one_sided(self.effects[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The columns of one linearisation.
+
+    `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
+    scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
+    prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
+    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible.
+    """
+
+    X: Array
+    forms: tuple[Form, ...]
+    set_ups: slice
+    band: NDArray[np.int64]
+    healthy: Array
+    fixed: Array
+    healthy_mean: Array
+    not_seen: tuple[str, ...] = ()
+    _products: WeakKeyDictionary[Response, Array] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
+
+    @cached_property
+    def among(self) -> Counter[str]:
+        """The number of forms of each name."""
+        return Counter(form.name for form in self.forms)
+
+    @cached_property
+    def likelihoods(self) -> Array:
+        """How likely each form (n,) is among those of its name in a healthy arm."""
+        return _likelihoods(self.forms)
+
+    @cached_property
+    def name_of_column(self) -> NDArray[np.int64]:
+        """The index (p,) of the name of each column, and -1 for those that are not of a form."""
+        numbers = {name: k for k, name in enumerate(self.among)}
+        own = [numbers[form.name] for form in self.forms for _ in form.columns]
+        return np.array(own + [-1] * (self.X.shape[1] - len(own)), dtype=np.int64)
+
+    @cached_property
+    def curves(self) -> CurveColumns:
+        """Those of the columns that are waves of joints over their angles."""
+        return curve_columns([effect for form in self.forms for effect in form.effects])
+
+    @cached_property
+    def rows(self) -> list[NDArray[np.int64]]:
+        """The entries (n,) of each band."""
+        return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
+
+    @cached_property
+    def count(self) -> NDArray[np.int64]:
+        """The number (b,) of entries of each band."""
+        return np.bincount(self.band)
+
+    @cached_property
+    def parts(self) -> list[Array]:
+        """The whitened columns (n, p) of each band."""
+        return [self.X[rows] for rows in self.rows]
+
+    @cached_property
+    def K(self) -> Array:  # noqa: N802 - a matrix
+        """The products (b, p, p) of the whitened columns by band."""
+        return np.stack([part.T @ part for part in self.parts])
+
+    @cached_property
+    def gram(self) -> Array:
+        """The products (p, p) of the whitened columns over all bands."""
+        found: Array = self.K.sum(axis=0)
+        return found
+
+    def weighted_gram(self, weight: Array) -> Array:
+        """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
+        equal, uneven = self._by_band(weight)
+        gram = self.gram.copy()
+        for band in np.flatnonzero(equal != 1).tolist():  # most weights are 1
+            gram += (equal[band] - 1) * self.K[band]
+        for band in uneven:
+            part = np.sqrt(weight[self.rows[band]])[:, None] * self.parts[band]
+            gram += part.T @ part
+        return gram
+
+    def weighted_products(self, response: Response, weight: Array) -> Array:
+        """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
+        same way; what does not depend on the weights is kept for as long as the response."""
+        if response not in self._products:
+            both = zip(self.rows, self.parts, strict=True)
+            self._products[response] = np.stack([response.columns[rows].T @ part for rows, part in both])
+        equal, uneven = self._by_band(weight)
+        found: Array = np.tensordot(equal, self._products[response], axes=1)
+        for band in uneven:
+            rows = self.rows[band]
+            found += (weight[rows, None] * response.columns[rows]).T @ self.parts[band]
+        return found
+
+    def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
+        """Return the weight (b,) of each band whose readings have equal weights (N,), zero for the others, and the
+        numbers of these."""
+        each = [weight[rows] for rows in self.rows]
+        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
+        return equal, [band for band, own in enumerate(each) if np.ptp(own) > 0]
+
+    def variance(self, level: float, curves: JointCurves | None = None) -> Array:
+        """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect; waves of joints have that of their curves, if these are given."""
+        variance: Array = level**2 * self.healthy + self.fixed
+        if curves is not None:
+            variance[self.curves.columns] = self.curves.variance(curves)
+        return variance
+
+    def mean(self, level: float) -> Array:
+        """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect."""
+        mean: Array = level * self.healthy_mean
+        return mean
+
+
+def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
+    """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
+    every = in_each_shape(candidates)
+    sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
+    columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
+    not_seen, kept, columns = _detectable(every, columns)
+    forms = forms_of(kept)
+    # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
+    plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
+    begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
+    present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
+    random = np.concatenate([linear.Z, linear.stamps, begins], axis=1)
+    share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], random.shape[1]
+    placed_mm = np.full(set_ups, _BALL_MM)
+    placed_mm[sorted(linear.terms_of_poses)] = _PLACED_MM
+    return Columns(
+        np.concatenate([columns, linear.U, random], axis=1),
+        forms,
+        slice(len(share), len(share) + set_ups),
+        np.unique(linear.band, return_inverse=True)[1],
+        np.concatenate([share, np.zeros(set_ups + scattered)]),
+        np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
+        np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
+        not_seen,
+    )
+
+
+def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
+    """Return the names that no fault size makes visible, the forms that are visible, and the columns (N, p) of these
+    forms."""
+    widths = [len(one.effects) for one in every]
+    sigma = LARGEST_FAULT * np.linalg.norm(columns, axis=0)
+    shows = [bool(own.max() > _DETECTABLE_SIGMA) for own in np.split(sigma, np.cumsum(widths)[:-1])]
+    kept = [one for one, there in zip(every, shows, strict=True) if there]
+    names = {one.name for one in kept}
+    hidden = tuple(dict.fromkeys(one.name for one in every if one.name not in names))
+    return hidden, kept, columns[:, np.repeat(shows, widths)]
+
+
+def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates, each followed by its variants in other shapes."""
+    return [form for one in candidates for form in (one, *(replace(one, effects=(own,)) for own in one.shaped))]
+
+
+def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
+    """Return the forms of candidates, with columns in their order."""
+    among = Counter(one.name for one in every)
+    ends = np.cumsum([len(one.effects) for one in every]).tolist()
+    return tuple(
+        Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), among[one.name])
+        for one, end in zip(every, ends, strict=True)
+    )
+
+
+def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
+    """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
+    distributed over its forms. The model contains the names `present` already."""
+    whole = np.array([1 - _MEAN**2 if _is_magnitude(one, present) else 1.0 for one in forms])
+    width = np.array([len(one.columns) for one in forms], dtype=np.int64)
+    shares: Array = np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width)
+    return shares
+
+
+def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
+    """Return which share of its healthy variance each form (n,) keeps beside a named effect: none of the effect's name.
+
+    A gear may have other waves beside the named one, which a joint that turns little hardly separates: without them the
+    size of a wave of order 16 was 5 % too large beside one of order 20, 4 times its uncertainty. Most orders are whole,
+    as numbers of teeth are, so the wave takes what one order is of those that its nearest form stands for.
+    """
+    name = name_of(effect)
+    keeps = np.array([one.name != name for one in forms], dtype=float)
+    own = np.flatnonzero(keeps == 0)
+    orders = np.array([order_of(forms[k].effects[0]) for k in own.tolist()])
+    if _is_ordered(orders):
+        width, k = np.gradient(np.sort(orders)), int(np.argmin(np.abs(orders - order_of(effect))))
+        keeps[own] = 1.0
+        keeps[own[k]] = 1 - min(1.0, 1 / float(width[np.searchsorted(np.sort(orders), orders[k])]))
+    return keeps
+
+
+def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
+    """Return the same for each of `count` columns (p,), of which those after the forms keep everything."""
+    shares = np.ones(count)
+    own = np.repeat(shares_beside(forms, effect), [len(one.columns) for one in forms])
+    shares[: len(own)] = own
+    return shares
+
+
+def order_of(effect: Effect) -> float:
+    """Return the order of a gear's wave, and NaN for every other effect."""
+    return float(getattr(effect, "order", np.nan))
+
+
+def _is_ordered(orders: Array) -> bool:
+    """Return whether forms differ by their orders (n,), of which there are several."""
+    return len(orders) > 1 and len(np.unique(orders[np.isfinite(orders)])) == len(orders)
+
+
+def _likelihoods(forms: Sequence[Form]) -> Array:
+    """Return how likely each form is (n,) among those of its name: all alike, but for the orders of a gear.
+
+    Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
+    order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
+    form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
+    """
+    likely, names = np.ones(len(forms)), np.array([one.name for one in forms])
+    for name in dict.fromkeys(names.tolist()):
+        own = np.flatnonzero(names == name)
+        orders = np.array([order_of(forms[k].effects[0]) for k in own.tolist()])
+        if _is_ordered(orders):
+            likely[own[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
+        likely[own] /= likely[own].sum()
+    return likely
+
+
+def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
+    """Return the prior mean (p,) of the columns of forms in a healthy arm, in healthy sizes. The model contains the
+    names `present` already, so that what it lacks of them may have either sign.
+
+    A size that cannot be negative is positive on average. Servo lags of all joints look like late stamps; a large lag
+    beside those of a healthy arm came out smaller by their mean. A name has its mean in its expected shape at a healthy
+    size: a play's response is not proportional to its width.
+    """
+    means = np.zeros(sum(len(one.columns) for one in forms))
+    nearest: dict[str, Form] = {}
+    for one in forms:  # those in other shapes come after the expected one
+        if one.name not in nearest or abs(np.log(one.size)) < abs(np.log(nearest[one.name].size)):
+            nearest[one.name] = one
+    for one in nearest.values():
+        if _is_magnitude(one, present):
+            means[list(one.columns)] = _MEAN
+    return means
+
+
+def _is_magnitude(form: Form, present: Collection[str]) -> bool:
+    """Return whether what the model lacks of a form's effect cannot be negative."""
+    return form.one_sided and form.name not in present

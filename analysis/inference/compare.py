@@ -1,0 +1,187 @@
+"""Comparison of simulation and measurement: simulated from the run's own feedback, with the set-up fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.frames import Tabular, for_json, table_of_rows
+from analysis.inference.estimate import Fit, fit
+from analysis.inference.observation import Observation, outside_effect_coverage
+from analysis.inference.setups import observe_runs, split_by_frame
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.evaluate import Evaluated, evaluate
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.radial import RadialResult
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import RepeatabilityResult
+from analysis.measures.results import Result, result_of
+from analysis.measures.rig_agreement import hold_targets
+from analysis.model.predict import SetUp, model_of, path_of, predict
+from analysis.simulation.simulate import with_values
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Comparison(Tabular):
+    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
+    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
+    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
+
+    result: Result
+    simulated: Evaluated
+    x: Array
+    measured_curve: Array
+    simulated_curve: Array
+    unit: str
+    rows: Integers
+    residuals_mm: Array
+    correlation: float
+    rms_um: float
+
+    def to_table(self) -> pa.Table:
+        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
+        where = {"yaw": "phi_deg", "roll": "phi_deg", "radial": "target"}.get(self.result.test, "place")
+        curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
+        curves["difference"] = self.measured_curve - self.simulated_curve
+        return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
+        simulated = self.simulated.figures
+        plain: dict[str, Any] = for_json(
+            {
+                "run": str(self.result.measured.path),
+                "test": self.result.test,
+                "figures": {
+                    name: {"measured": figure.value, "u": figure.u, "simulated": simulated[name].value}
+                    for name, figure in self.result.found.figures.items()
+                    if name in simulated
+                },
+                "correlation": self.correlation,
+                "rms_um": self.rms_um,
+            }
+        )
+        return plain
+
+
+@dataclass(frozen=True)
+class PoseComparison:
+    """A run of poses beside the model: what the model leaves of them in µm, root mean square and at most."""
+
+    run: str
+    poses: int
+    rms_um: float
+    largest_um: float
+
+
+@dataclass(frozen=True)
+class Compared(Tabular):
+    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges."""
+
+    runs: tuple[Comparison, ...]
+    setups: dict[str, SetUp]
+    doubts: tuple[str, ...]
+    poses: tuple[PoseComparison, ...] = ()
+
+    def to_table(self) -> pa.Table:
+        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        objects = [one.to_dict() for one in self.runs]
+        rows = [
+            {"run": one["run"], "figure": name, **figure} for one in objects for name, figure in one["figures"].items()
+        ]
+        return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
+        setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
+        plain: dict[str, Any] = for_json(
+            {
+                "runs": [one.to_dict() for one in self.runs],
+                "poses": [asdict(one) for one in self.poses],
+                "setup": setups,
+                "doubts": self.doubts,
+            }
+        )
+        return plain
+
+
+def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
+    """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
+    one set-up; `unseen` runs, of another place or radius, have set-ups of their own. Raises FileError."""
+    parts = [_compared(runs, rig, "")] if runs else []
+    parts += [_compared([run], run.rig.modelled_as(rig), " at the unseen place") for run in unseen]
+    setups: dict[str, SetUp] = {}
+    for part in parts:
+        setups |= part.setups
+    return Compared(
+        tuple(run for part in parts for run in part.runs),
+        setups,
+        tuple(doubt for part in parts for doubt in part.doubts),
+        tuple(pose for part in parts for pose in part.poses),
+    )
+
+
+def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
+    """Return runs compared with the model of a rig, with set-ups that are called by where they are."""
+    model = model_of(rig)
+    for run in runs:
+        hold_targets(run.table, rig, str(run.path))
+    names = [run.run.manifest.name for run in runs]
+    observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
+    for name, one in zip(names, observations, strict=True):
+        doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
+    found = fit(model, observations)
+    comparisons, poses = [], []
+    for run, one, residual in zip(runs, observations, found.residuals, strict=True):
+        if isinstance(run.table, PoseTable):
+            away_um = 1e3 * np.linalg.norm(residual, axis=1)
+            rms_um = float(np.sqrt(np.mean(away_um**2)))
+            poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
+        else:
+            comparisons.append(_one(run, one, rig, found, residual))
+    setups = {
+        f"{one.setup}{where}": found.setups[one.setup] for one in observations if not isinstance(one.table, PoseTable)
+    }
+    return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
+
+
+def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:
+    run = replace(run, rig=rig)
+    result = result_of(run)
+    values = predict(found.model, run.table, path_of(found.model, run.table), found.setups[one.setup])
+    simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
+    x, measured_curve, unit = curve(result.found)
+    _, simulated_curve, _ = curve(simulated)
+    correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
+    return Comparison(
+        result=result,
+        simulated=simulated,
+        x=x,
+        measured_curve=measured_curve,
+        simulated_curve=simulated_curve,
+        unit=unit,
+        rows=one.rows,
+        residuals_mm=residuals_mm,
+        correlation=correlation,
+        rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),
+    )
+
+
+def curve(found: Evaluated) -> tuple[Array, Array, str]:
+    """Return the curve of a result that is compared: positions (n,), values (n,), and their unit."""
+    match found:
+        case CircleResult():
+            return np.degrees(PHI), np.degrees(found.residual), "deg"
+        case RadialResult():
+            return found.cells.target.astype(float), found.deviation_mm, "mm"
+        case RepeatabilityResult():
+            mean = np.nanmean(found.readings_mm, axis=2)
+            return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
+    raise TypeError("poses have no gauges to compare")

@@ -1,0 +1,268 @@
+"""The diagnosis of runs: find the disagreement, name what is missing, validate it, and say what is in doubt."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from analysis.inference.blocks import Block
+from analysis.inference.budget import EffectChange, budget_of, effect_changes
+from analysis.inference.expected import is_separable
+from analysis.inference.link_swing import find_vibration
+from analysis.inference.observation import ObservedRun, rms
+from analysis.inference.plan import possible_tests, separating
+from analysis.inference.prepared_runs import prepare_runs, without_wild
+from analysis.inference.refine import size_limits
+from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, places
+from analysis.inference.responses import limits_um
+from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
+from analysis.inference.search import SearchResult, early_readings, fit_given, search
+from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.validation import calibrated_model, gap, gap_alone_um, held_out_gains, stages_of, widening
+from analysis.inference.verdict import (
+    Gaps,
+    accuracy_of,
+    ambiguous_names,
+    condition_of,
+    named_effects,
+    named_vibration,
+    remainder_of,
+    runs_to_decide,
+    standing_of,
+    without_useless,
+)
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import label_of, name_of, size_field
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Doubts: what a person should know before trusting a diagnosis.
+
+_BETTER = 0.97
+"""Ratio of the gap without an effect of the rig file to the gap with it, below which the effect is doubted. Chosen: 3 %
+of the rms is more than a refitted set-up gains by chance."""
+
+
+def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """Return what the runs leave open, however well they are explained."""
+    doubts = []
+    circles = [block for block in blocks if block.sampling]
+    if circles and not circles[0].measured:
+        doubts.append("no circle was repeated: the noise of real cells is assumed; repeat each circle")
+    alone = [block.name for block in circles if block.measured and block.count < 2]
+    if alone:
+        doubts.append(f"{', '.join(alone)} was driven once: its noise is assumed equal to that of the other circles")
+    once = dict.fromkeys(block.name for block in blocks if not block.sampling and not block.measured)
+    if once:
+        doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
+    ways: dict[str, set[str]] = {}
+    for block in blocks:
+        table = block.one.table
+        if isinstance(table, CircleTable):
+            ways.setdefault(table.test, set()).add(table.direction)
+    for test, seen in ways.items():
+        if len(seen) == 1:
+            doubts.append(
+                f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
+            )
+    if not circles:
+        doubts.append(
+            "no circle was given: effects that depend on the speed, or on how a joint turns back, hardly show"
+        )
+    return tuple(doubts)
+
+
+def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
+    """Return a message for each name that stands whose size ended at the limit of fits."""
+    doubts = []
+    for one in names:
+        size = float(getattr(one.effect, size_field(one.effect)))
+        if one.stands and any(limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(one.effect)):
+            doubts.append(
+                f"{label_of(one.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
+                "file, the cables of the gauges and the placements, and diagnose again"
+            )
+    return tuple(doubts)
+
+
+def doubts_of_rig(rig: Rig, runs: Sequence[ObservedRun]) -> tuple[str, ...]:
+    """Return a message for each effect of the rig file without which the model fits the readings better."""
+    if not rig.effects:
+        return ()
+    whole = rms(fit_run_setups(runs)[1])
+    doubts = []
+    for k, effect in enumerate(rig.effects):
+        bare = (*rig.effects[:k], *rig.effects[k + 1 :])
+        without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in runs])[1])
+        if without < _BETTER * whole:
+            doubts.append(
+                f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
+                f"{1e3 * whole:.1f} µm: remove it and diagnose again"
+            )
+    return tuple(doubts)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The diagnosis of runs: find the disagreement, name the missing effect, add it, and validate that the gap shrinks.
+#
+# runs → blocks with their noise → effects selected by evidence and refined on the simulator → worth of each → verdict
+# and validation
+
+_FEW_TESTS = 3
+"""Further tests of which the reason is stated why the robot cannot drive them."""
+
+
+def diagnose(
+    rig: Rig,
+    used: Sequence[Measured],
+    held_out: Sequence[Measured],
+    unseen: Sequence[Measured],
+    progress: Callable[[str], None],
+    tolerance_um: float | None = None,
+    given: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Return the diagnosis of runs of one robot about the model of a rig, judged on held-out runs and unseen places.
+
+    `tolerance_um` is the largest error of the readings (m, k) that is accepted, rms; without it the limits of the rig
+    file judge the accuracy. With `given` effects these are fitted, whatever they show, and none is searched. Where no
+    run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises FileError for runs of another
+    robot, or that cannot be read as the test that they state.
+    """
+    begin_s = time.perf_counter()
+    progress("reading the runs")
+    (runs, judges, elsewhere), placed = prepare_runs(rig, used, held_out, unseen)
+    if not judges:
+        runs, judges = without_a_fold(runs)
+    _hold_enough(runs)
+    result = search(runs, progress) if given is None else fit_given(runs, given, progress)
+    progress("validating on held-out runs")
+    effects = result.state.refined.effects
+    sound, wild = without_wild(runs, effects, "the runs used")
+    judges, wild_judges = without_wild(judges, effects, "held-out runs")
+    elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
+    stages = stages_of(sound, result)
+    gaps = Gaps(
+        gap(sound, stages, result, _names(used)),
+        gap(judges, stages, result, _names(held_out or used)) if judges else None,
+        gap(elsewhere, stages, result, _names(unseen)) if elsewhere else None,
+    )
+    changes = effect_changes(result)
+    named = named_effects(result, sound, held_out_gains(result, judges), changes)
+    named = without_useless(named, gaps.train)
+    at_limits = doubts_of_limits(named)
+    named += _vibrations(result, runs, gaps.train) if given is None else []
+    named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands or given else one for one in named]
+    named.sort(key=lambda one: (not one.stands, -one.worth_um))
+    early = early_readings(result)
+    judged = accuracy_of(gaps, *standing_of(rig, used), tolerance_um)
+    found = _diagnosis_of(rig, result, gaps, named, changes, judged, early=bool(early))
+    found = replace(found, given=given is not None)
+    written = [one.effect for one in found.written]
+    wider = widening(judges, stages, result)
+    found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider))
+    doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
+    doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
+    if found.condition == "ambiguous":
+        progress("choosing a test that separates the rivals")
+        next_test, doubt = _next_test(rig, named, used, result)
+        found, doubts = replace(found, next_test=next_test), doubts + doubt
+    return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+
+
+def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
+    """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
+    found = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    if found is None:
+        return []
+    circles = [block.sampling is not None for block in result.linear.blocks]
+    limits = limits_um(result.linear, None, found.scatter_um)
+    return named_vibration(found, limits[circles], train.after_um)
+
+
+def _diagnosis_of(
+    rig: Rig,
+    result: SearchResult,
+    gaps: Gaps,
+    named: Sequence[Named],
+    changes: Sequence[EffectChange],
+    accuracy: Accuracy,
+    *,
+    early: bool,
+) -> Diagnosis:
+    """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k); `early` states whether
+    poses were read before the joints came to rest."""
+    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
+    condition = condition_of(result, named, remainder, gaps, is_material=is_material, early=early)
+    linear, before = result.linear, result.linear.in_mm(result.initial_residual)
+    after = linear.in_mm(result.residual)
+    is_testable = condition != "not_testable_here"
+    return Diagnosis(
+        condition=condition,
+        accuracy=accuracy,
+        budget=tuple(budget_of(result, named, changes, gaps.train)) if is_testable else (),
+        runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
+        rig=rig,
+        runs=gaps.train.runs,
+        where=places(linear.blocks, before),
+        effects=tuple(named) if is_testable else (),
+        remainder=remainder,
+        train=gaps.train,
+        held_out=gaps.held_out,
+        unseen=gaps.unseen,
+        left=bands_above_noise(linear.blocks, result.posterior.residual),
+        setups=linear.setups,
+        groups=tuple(_group(one) for one in ambiguous_names(named) if one.rivals),
+        not_testable=result.selection.not_testable(result.state, result.posterior),
+        next_test=None,
+        repeated=all(block.measured for block in linear.blocks),
+        level=result.state.level,
+        doubts=(),
+        curves=curves_of(linear.blocks, before, after),
+        maps=maps_of(linear.blocks, before, after),
+        seconds=0.0,
+    )
+
+
+def _hold_enough(runs: Sequence[ObservedRun]) -> None:
+    """Raise FileError where there are fewer readings than terms of the set-ups."""
+    terms = sum({run.one.setup: terms_of(run.one.table) for run in runs}.values())
+    if (count := sum(run.one.values.size for run in runs)) < terms:
+        raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
+
+
+def _names(runs: Sequence[Measured]) -> list[str]:
+    return [run.run.manifest.name for run in runs]
+
+
+def _next_test(
+    rig: Rig, named: Sequence[Named], used: Sequence[Measured], result: SearchResult
+) -> tuple[NextTest | None, list[str]]:
+    """Return the test that, beside the existing runs, best separates the first ambiguous name from its closest rival;
+    otherwise a doubt."""
+    one = next((one for one in ambiguous_names(named) if one.rivals), None)
+    if one is None:
+        return None, []
+    tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+    rivals, linear = (one.effect, one.rivals[0].effect), result.linear
+    try:
+        possible, impossible = possible_tests(rig, tests, linear.blocks, linear.setups, result.state.level)
+    except FileError as error:
+        return None, [f"no further test is possible with this rig file: {error}"]
+    candidates = separating(possible, rivals)
+    if not candidates:
+        reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
+        return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
+    if not is_separable(candidates[0].sigma):
+        return None, [
+            f"no other test separates {name_of(one.effect)} from its rivals: their corrections have the same effect"
+        ]
+    return NextTest(candidates[0].test, candidates[0].why, candidates[0].sigma), []
+
+
+def _group(one: Named) -> tuple[str, ...]:
+    return (name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals))

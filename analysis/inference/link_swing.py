@@ -1,0 +1,215 @@
+"""A vibration of the link, whose phase is new in every run: it is searched in the time of each run and not along the
+circle.
+
+Because its phase differs between runs, repeats average it out and no fit along the circle detects it. All runs share
+its frequency, so the spectra of their deviations from the mean of their repeats are added, each divided by its own
+noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from analysis.inference.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residuals_of
+from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp
+from rigs.effects import Effect
+from rigs.effects import swing as vibration_at
+
+_LOWEST_HZ = 2.0
+"""Lowest frequency in Hz that is searched. Chosen: slower motion is servo ripple and path error."""
+_NEAR_HZ = 1.0
+"""Half the width of the neighbourhood in which the noise of a spectrum is taken to be constant. Chosen: wide enough for
+a median over many frequencies."""
+_FINER = np.linspace(-0.75, 0.75, 25)
+"""Frequencies that are fitted, in steps of the search about the largest line. The deviations lack what the laps of all
+repeats share, so their largest line may be beside the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from
+the first to the last lap."""
+_SEEN = 0.2
+"""Share of its power that the deviations must show of a combination of vibrations of the runs for it to be fitted.
+Where every lap meets the vibration at the same phase, they show nothing of what all repeats have in common. Chosen:
+with a twentieth, a frequency beside the true one was preferred, where a combination that hardly shows took up the
+rest."""
+
+
+@dataclass(frozen=True)
+class FoundVibration:
+    """A vibration, with the uncertainties of its parameters and the log evidence for it. `scatter_um` is the root mean
+    square that it adds, in each set-up, to the scatter of one run, in which the laps are averaged."""
+
+    effect: Effect
+    amplitude_mm: float
+    sd: dict[str, float]
+    gain: float
+    scatter_um: dict[str, float]
+
+
+def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> FoundVibration | None:
+    """Return the strongest vibration of all circles, or None where no circle was repeated; the residual of a run is (m,
+    2) mm.
+
+    It excludes what repeats share: the waves of a gear occur at the same angles in every run, a vibration at other
+    times.
+    """
+    groups = _repeated(runs, setups)
+    left = [one for group in groups for one in group.runs]
+    if not left:
+        return None
+    seconds = max(float(np.ptp(one.t_s)) for one in left)
+    # There may be a gap between laps, so the rate is that of most rows.
+    rate = min(1 / float(np.median(np.diff(one.t_s))) for one in left)
+    f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
+    if len(f) < 2 or len(f) < 2 * _width(f):
+        return None
+    power = np.array([_power(one, f) for one in left])
+    level = np.array([_noise_level(one, _width(f)) for one in power])
+    over, count = np.sum(power / level, axis=0), len(left)
+    k = int(np.argmax(over))
+    # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
+    gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
+    near = f[k] + (f[1] - f[0]) * _FINER
+    tried = [[_fitted(group, frequency_hz) for group in groups] for frequency_hz in near.tolist()]
+    at = int(np.argmax([sum(one.energy for one in fits) for fits in tried]))
+    fits, frequency_hz = tried[at], float(near[at])
+    seen = sum(one.seen for one in fits)
+    noise = float(np.mean(level[:, k])) * sum(one.spread for one in fits) / seen
+    squares = sum(float(one.waves.ravel() @ one.waves.ravel()) for one in fits) / seen
+    amplitude = float(np.sqrt(max(squares - noise, 0.0)))
+    # Of n runs with independent phases, m combinations are seen: their power is that of all times m / n, on average.
+    phases = 0.25 * float(np.mean([len(one.waves) / one.seen - 1 for one in fits for _ in one.waves])) / count
+    # Stamps that scatter by s make a wave of angular frequency w smaller by (w s)²/2.
+    scatter_s = np.mean([STAMP_SCATTER * np.median(np.diff(one.t_s)) for one in left])
+    lost = float(2 * np.pi * frequency_hz * scatter_s) ** 2 / 2
+    sd = float(np.sqrt(noise / 2 / seen + amplitude**2 * (phases + lost**2)))
+    scatter: dict[str, list[float]] = {}
+    for group, fit in zip(groups, fits, strict=True):
+        scatter.setdefault(group.setup, []).append(group.scatter_of(frequency_hz, fit.waves))
+    sds, amplitude = {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, min(amplitude, 1.0)
+    scatter_um = {setup: 1e3 * float(np.sqrt(np.mean(squares))) for setup, squares in scatter.items()}
+    return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um)
+
+
+@dataclass(frozen=True)
+class _Deviation:
+    """The deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s
+    (n,)."""
+
+    t_s: Array
+    left_mm: Array
+    sampling: Sampling
+
+    @cached_property
+    def quick(self) -> Array:
+        """The deviation (n,) mm without what changes slowly."""
+        slow = np.polynomial.Polynomial.fit(self.t_s, self.left_mm, 3)(self.t_s)
+        return np.asarray(self.left_mm - slow, dtype=float)
+
+    def waves(self, frequency_hz: float) -> Array:
+        """Return the cosine and the sine (n, 2) of a vibration of 1 mm at the readings, in mm."""
+        turn = 2 * np.pi * frequency_hz * self.t_s
+        return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+    def mean_lap(self, frequency_hz: float) -> Array:
+        """Return what the mean of the laps contains of the cosine and the sine of a vibration, (GRID, 2) at the grid.
+        The laps meet it at phases of their own, and the mean has a limited number of angles."""
+        return self.sampling.gridded(self.waves(frequency_hz))
+
+
+@dataclass(frozen=True)
+class _Repeated:
+    """The deviations of runs that repeat each other, n of them, in one set-up."""
+
+    setup: str
+    runs: tuple[_Deviation, ...]
+
+    def scatter_of(self, frequency_hz: float, waves: Array) -> float:
+        """Return the mean square in mm² that vibrations with cosines and sines (n, 2) mm add to one run, compared with
+        the mean of many."""
+        laps = np.array([one.mean_lap(frequency_hz) @ wave for one, wave in zip(self.runs, waves, strict=True)])
+        return float(np.mean((laps - laps.mean(axis=0)) ** 2)) * len(laps) / (len(laps) - 1)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A vibration with a phase of its own in each of n repeats: their cosines and sines `waves` (n, 2) mm, the energy
+    in mm² that they explain, the number of combinations of runs that the deviations show, and the sum of the variances
+    of the waves for a noise of 1 mm."""
+
+    waves: Array
+    energy: float
+    seen: float
+    spread: float
+
+
+def _fitted(group: _Repeated, frequency_hz: float) -> _Fit:
+    """Return the vibrations of all repeats, each of which is in the deviation of every other one through the mean."""
+    count = len(group.runs)
+    laps = [one.mean_lap(frequency_hz) / count for one in group.runs]
+    normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+    for k, one in enumerate(group.runs):
+        columns = -np.concatenate([_at_rows(one.sampling, lap) for lap in laps], axis=1)
+        columns[:, 2 * k : 2 * k + 2] += one.waves(frequency_hz)
+        normal += columns.T @ columns
+        right += columns.T @ one.quick
+    values, vectors = np.linalg.eigh(normal)
+    # A wave that is seen entirely has half the number of readings as its value.
+    kept = values > _SEEN * np.mean([len(one.t_s) for one in group.runs]) / 2
+    along = vectors[:, kept].T @ right
+    waves = vectors[:, kept] @ (along / values[kept])
+    energy, spread = float(along @ (along / values[kept])), float(np.sum(1 / values[kept]))
+    return _Fit(waves.reshape(count, 2), energy, max(int(kept.sum()), 1) / 2, spread)
+
+
+def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[_Repeated]:
+    groups: dict[str, list[ObservedRun]] = {}
+    for run in runs:
+        if run.sampling:
+            groups.setdefault(run.name, []).append(run)
+    found = []
+    for group in groups.values():
+        if len(group) < 2:
+            continue
+        left = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        mean = np.mean(
+            [run.sampling.gridded(one) for run, one in zip(group, left, strict=True) if run.sampling], axis=0
+        )
+        apart = []
+        for run, one in zip(group, left, strict=True):
+            assert run.sampling is not None  # noqa: S101 - circles only
+            rows = run.one.rows[: len(run.sampling.phi)]
+            own = one[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
+            apart.append(_Deviation(run.one.path.t_s[rows], own, run.sampling))
+        found.append(_Repeated(group[0].one.setup, tuple(apart)))
+    return found
+
+
+def _at_rows(sampling: Sampling, gridded: Array) -> Array:
+    """Return values at the grid (GRID, k), in any unit, at the rows of the laps, (n, k)."""
+    angles = 2 * np.pi * np.arange(GRID) / GRID
+    return np.stack([np.interp(sampling.phi, angles, one, period=2 * np.pi) for one in gridded.T], axis=1)
+
+
+def _width(f: Array) -> int:
+    return int(_NEAR_HZ / (f[1] - f[0]))
+
+
+def _power(one: _Deviation, f: Array) -> Array:
+    """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
+    t, r = one.t_s, one.quick
+    # Frequencies are evenly spaced, so each wave is the product of a coarse one and a fine one.
+    width = int(np.ceil(np.sqrt(len(f))))
+    fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
+    coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
+    power: Array = np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t)
+    return power
+
+
+def _noise_level(power: Array, width: int) -> Array:
+    """Return the mean noise of a spectrum (F,) about each frequency, from the median, which a line does not raise."""
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
+
+    return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

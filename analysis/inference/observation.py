@@ -1,0 +1,476 @@
+"""Runs as a fit sees them: the readings to explain, the path that was driven, laps, stands and joint ranges.
+
+An observation is a table with the readings that count; an observed run adds a smooth path, its lap and its stands, so
+that it can be compared with its repeats. The joint angles that runs covered say where a model may be used.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.rig_agreement import hold_targets
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
+from analysis.model.scene import Scene
+from analysis.noise.readings import is_wild, step_of
+from analysis.traces.laps import laps_of
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
+from rigs.effects import Effect
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
+    with equal names of their set-up share it."""
+
+    table: Table
+    path: Path
+    rows: Integers
+    values: Array
+    setup: str
+
+    @property
+    def samples(self) -> Integers:
+        """The samples (m,) of the path at which the readings were taken."""
+        found: Integers = self.path.rows[self.rows]
+        return found
+
+    @property
+    def t_s(self) -> Array:
+        """The times (m,) s of the readings."""
+        found: Array = self.path.t_s[self.samples]
+        return found
+
+
+def observe(model: Model, table: Table, where: str) -> Observation:
+    """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
+    is not a circle of the rig."""
+    if isinstance(table, CircleTable):
+        rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
+        return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
+    rows = np.arange(len(table.q))
+    if isinstance(table, RadialTable | RepeatabilityTable):
+        hold_targets(table, model.rig, where)
+    values = table.xyz_mm if isinstance(table, PoseTable) else table.g_mm[:, None]
+    return Observation(table, path_of(model, table), rows, values, test_of(table))
+
+
+def with_placement(one: Observation, placement: str) -> Observation:
+    """Return the observation with the set-up of a placement that the user named; without a name, that of the test
+    alone."""
+    return replace(one, setup=f"{one.setup} at {placement}") if placement else one
+
+
+def thinned(one: Observation, most: int) -> Observation:
+    """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
+    kept = np.argsort(one.rows)[:: -(-len(one.rows) // most)]
+    path = replace(one.path, rows=one.samples[kept], alone=True)
+    return replace(one, path=path, rows=np.arange(len(kept)), values=one.values[kept])
+
+
+def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that a model predicts; for poses the positions."""
+    return predicted_in_scene(model, one, moved(model, one.path), setup)
+
+
+def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
+    """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
+    values = read(model, one.table, one.path, scene, setup)
+    if isinstance(one.table, PoseTable):
+        values = values[:, [3, 7, 11]]
+    return values[one.rows]
+
+
+def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
+    """Return measured minus predicted readings, (m, k) mm for each observation."""
+    return [one.values - predicted(model, one, setups[one.setup]) for one in observations]
+
+
+def rms(residuals: Sequence[Array]) -> float:
+    """Return the root mean square in mm of residuals (m, k) mm: per reading of a gauge, and per distance of a
+    position."""
+    squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
+    return float(np.sqrt(squares.mean()))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The joint angles that runs covered, and warnings where a model is used beyond them.
+
+JointRange = tuple[float, float]
+"""Lowest and highest angle of a joint, in degrees."""
+BEYOND_DEG = 3.0
+"""Distance outside the measured range up to which a model is taken to be valid. Chosen: link constants and gear errors
+change little over 3 degrees."""
+
+
+def joints_covered(observations: Sequence[Observation]) -> tuple[JointRange, ...]:
+    """Return the range in degrees of each joint in the readings of some runs, whose joint angles are (n, 6) rad."""
+    q_deg = np.degrees(np.concatenate([one.table.q[one.rows] for one in observations]))
+    return tuple(zip(q_deg.min(axis=0).tolist(), q_deg.max(axis=0).tolist(), strict=True))
+
+
+def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> list[str]:
+    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined, which
+    begins it."""
+    lines = []
+    for axis, ((low, high), angle) in enumerate(zip(covered, np.degrees(q_rad).T, strict=True), start=1):
+        outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
+        if outside:
+            there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            lines.append(
+                f"{what}: {there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
+            )
+    return lines
+
+
+def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, what: str) -> list[str]:
+    """Return the same messages for the effects of a rig file, each valid in the range in which it was found; angles are
+    (n, 6) rad."""
+    known = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
+    if not known:
+        return []
+    ranges = [(max(low for low, _ in axis), min(high for _, high in axis)) for axis in zip(*known, strict=True)]
+    return outside_coverage(ranges, q_rad, what)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Smoothing of reported angles, which removes the steps of their last digit.
+#
+# A controller rounds the angles that it reports, to 1e-4 degrees for example. At a reach of one metre that equals the
+# noise of a gauge, and a model that follows the steps would explain them by gauge errors. An arm on a circle moves
+# smoothly, so a local parabola over a fifth of a second to either side replaces the angles of the lap.
+
+_HALF_S = 0.2
+"""Half the width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than the
+reversal of a joint."""
+
+
+def smooth_path(one: Observation) -> Observation:
+    """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
+    if not isinstance(one.table, CircleTable):
+        return one
+    # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
+    laps = one.samples
+    q = one.path.q.copy()
+    q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
+    return replace(one, path=replace(one.path, motion=Motion(one.path.t_s, q)))
+
+
+def _parabolas(t_s: Array, q: Array) -> Array:
+    """Return the values (n, 6) of local parabolas with weights of Epanechnikov's kernel."""
+    step = float(np.median(np.diff(t_s)))
+    reach = max(2, int(np.ceil(_HALF_S / step)))
+    index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
+    inside = (index >= 0) & (index < len(t_s))
+    index = np.clip(index, 0, len(t_s) - 1)
+    x = (t_s[index] - t_s[:, None]) / _HALF_S
+    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)
+    powers = np.stack([np.ones_like(x), x, x**2], axis=2)
+    normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
+    # Only the value at the centre is needed, so one row of the inverse gives the weights of the samples.
+    row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
+    share = weight * np.einsum("ni,nwi->nw", row, powers)
+    value: Array = np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q
+    return value
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# A run as the diagnosis uses it: with a smooth path, its lap and its periods of standing, so that it can be compared
+# with its repeats.
+
+GRID = 512
+"""Circle angles to which a lap is interpolated; the highest order is slightly below half of it. Chosen: a power of two
+for the Fourier transform, with 0.7 degrees per step."""
+ORDERS = GRID // 2
+"""The number of orders of a channel, including order 0."""
+ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
+"""The order of each entry of a circle's vector: first those of the sum of the gauges, then those of their difference.
+"""
+STAMP_SCATTER = 0.25
+"""Standard deviation by which stamps may scatter, as a share of the time between readings. Chosen: with a quarter, one
+reading in 400 passes the next."""
+_ROWS = 2 * GRID
+"""Rows per lap that are sufficient for its orders; the rows of faster gauges are averaged."""
+_STANDS = 0.02
+"""Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
+feedback."""
+_MOST_APART = GRID // 16
+"""Largest distance of the angles at which repeated laps begin, in steps of the grid, that is bridged. Chosen: repeats
+of a program begin within a row."""
+_LEAST_STAND = 3
+"""Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The conversion of a circle's rows to a vector.
+
+    For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
+    weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
+    rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
+    `bridged` are the first and the last (which may be negative, or of the next turn) of the grid angles where the laps
+    begin, whose values follow from those beside them.
+    """
+
+    before: Integers
+    after: Integers
+    share: Array
+    phi: Array
+    stands: tuple[Integers, ...]
+    stand_share: Array
+    bridged: tuple[int, int] | None = None
+
+    def gridded(self, values: Array) -> Array:
+        """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
+        mean: Array = self._interpolation @ values[: self._interpolation.shape[1]].reshape(-1, values[0].size)
+        return mean.reshape(GRID, *values.shape[1:])
+
+    @cached_property
+    def _interpolation(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+        weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
+        rows = np.concatenate([self.before.ravel(), self.after.ravel()])
+        grid = np.tile(np.arange(GRID), 2 * len(self.share))
+        found = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
+        return found if self.bridged is None else csr_array(_bridge(*self.bridged) @ found)
+
+    def gridded_sd(self, sd: Array) -> Array:
+        """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
+        unit."""
+        weight = self._interpolation
+        variance: Array = weight.multiply(weight) @ sd[: weight.shape[1]].reshape(-1, sd[0].size) ** 2
+        return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
+
+    def vector(self, values: Array) -> Array:
+        """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
+        the means over periods of standing."""
+        parts = [by_orders(self.gridded(values))]
+        for rows in self.stands:
+            mean = values[rows].mean(axis=0, keepdims=True)
+            parts += [_sum(mean), _difference(mean)]
+        return np.concatenate(parts)
+
+    @property
+    def begin(self) -> float:
+        """The angle at which the laps begin, in steps of the grid."""
+        return float(self.phi[0] % (2 * np.pi)) * GRID / (2 * np.pi)
+
+    @property
+    def seam(self) -> tuple[float, float]:
+        """How far before and after the angle at which laps begin each lap has rows on either side, in steps of the
+        grid."""
+        laps = len(self.share)
+        off = (self.phi - self.phi[0]) * GRID / (2 * np.pi)
+        number, near = _number(self.phi, laps), (off + GRID / 2) % GRID - GRID / 2
+        before = [near[(number == lap) & (near < 0)] for lap in range(laps)]
+        after = [near[(number == lap) & (near > 0)] for lap in range(laps)]
+        return (
+            min((float(one.max()) for one in before if len(one)), default=0.0),
+            max((float(one.min()) for one in after if len(one)), default=0.0),
+        )
+
+    @property
+    def averaged(self) -> float:
+        """The share of the power of white noise that interpolation between two rows, averaged over the laps, leaves."""
+        return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
+
+    def without_stands(self) -> Sampling:
+        """Return the sampling of the lap alone, with stand_share (0,)."""
+        return replace(self, stands=(), stand_share=np.empty(0))
+
+
+def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
+    """Return the samplings of repeated laps, all with the same grid angles bridged where their laps begin.
+
+    A joint may end a lap a turn from where it began, and what goes with its angle steps there by a tenth of a
+    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end of their
+    laps and others the beginning. Laps that begin far from each other are left unchanged.
+    """
+    first = samplings[0].begin
+    offsets = [(one.begin - first + GRID / 2) % GRID - GRID / 2 for one in samplings]
+    if max(offsets) - min(offsets) > _MOST_APART:
+        return list(samplings)
+    seams = [(off + one.seam[0], off + one.seam[1]) for off, one in zip(offsets, samplings, strict=True)]
+    bridged = (int(np.floor(first + min(seams)[0])), int(np.ceil(first + max(after for _, after in seams))))
+    return [replace(one, bridged=bridged) for one in samplings]
+
+
+def _bridge(begin: int, end: int) -> csr_array:
+    """Return the matrix (GRID, GRID) that replaces the values at grid angles from `begin` to `end` by those on the line
+    between the values beside them."""
+    from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+    matrix = np.eye(GRID)
+    share = np.arange(1, end - begin + 2) / (end - begin + 2)
+    inside = np.arange(begin, end + 1) % GRID
+    matrix[inside] = 0.0
+    matrix[inside, (begin - 1) % GRID] = 1 - share
+    matrix[inside, (end + 1) % GRID] = share
+    return csr_array(matrix)
+
+
+def by_orders(readings: Array) -> Array:
+    """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
+    parts = []
+    for channel in (_sum(readings), _difference(readings)):
+        spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
+        parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+    return np.concatenate(parts)
+
+
+def curve(vector: Array) -> Array:
+    """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
+    half = len(ORDER_OF) // 2
+    channels = []
+    for part in (vector[:half], vector[half : 2 * half]):
+        spectrum = np.zeros(ORDERS + 1, dtype=complex)
+        spectrum[0] = part[0]
+        spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
+        channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
+    total, apart = channels
+    readings: Array = np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+    return readings
+
+
+def _sum(values: Array) -> Array:
+    added: Array = (values[:, 0] + values[:, 1]) / np.sqrt(2)
+    return added
+
+
+def _difference(values: Array) -> Array:
+    apart: Array = (values[:, 1] - values[:, 0]) / np.sqrt(2)
+    return apart
+
+
+@dataclass(frozen=True)
+class ObservedRun:
+    """One run about the model of its own rig file. `one` is its observation with a smooth path, in which the rows of
+    standing follow those of the lap. `wild` counts the readings of a circle that were replaced by interpolation between
+    their neighbours, and `step_mm` is the step to which its coarser gauge is rounded."""
+
+    model: Model
+    one: Observation
+    sampling: Sampling | None
+    wild: int = 0
+    step_mm: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The name that repeated runs share: `yaw cw`, `radial`."""
+        table = self.one.table
+        return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
+
+
+def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
+    circle of the rig."""
+    if not isinstance(table, CircleTable):
+        return ObservedRun(model, observe(model, table, where), None)
+    sound = without_wild(table)
+    wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
+    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
+    lap = observe(model, table, where)
+    smoothed = smooth_path(lap)
+    sampling, rows = _sampled(table, model, smoothed, where)
+    raw, one = replace(lap, rows=rows), replace(smoothed, rows=rows)
+    # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
+    setup = nominal_setup(model.rig, table)
+    ripple = predicted(model, raw, setup) - predicted(model, one, setup)
+    return ObservedRun(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
+
+
+def without_wild(table: CircleTable) -> CircleTable:
+    """Return a circle whose wild readings (n, 2) mm are replaced by interpolation between their neighbours."""
+    g_mm = table.g_mm.copy()
+    for gauge in g_mm.T:
+        wild = is_wild(gauge)
+        if wild.any() and not wild.all():
+            gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
+    return replace(table, g_mm=g_mm)
+
+
+def averaged(table: CircleTable, count: int) -> CircleTable:
+    """Return a circle in which each `count` rows (count, …) are replaced by their mean, so that the cost does not grow
+    with the rate of a gauge; incomplete groups at the end are omitted."""
+    if count < 2:
+        return table
+    whole = len(table.t_s) // count * count
+
+    def means(values: Array) -> Array:
+        mean: Array = values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
+        return mean
+
+    return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
+
+
+def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
+    laps = laps_of(table, model.rig, where)
+    return len(laps.phi) // laps.count
+
+
+def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
+    phi = laps_of(table, model.rig, where).phi
+    stands = _stands(one)
+    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(one.rows) / (GRID * _laps(phi))
+    shares = np.array([len(rows) / per_step for rows in stands])
+    return sampling_of(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
+
+
+def _laps(phi: Array) -> int:
+    """Return the number of laps that circle angles (n,) rad, in order of time, cover."""
+    return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
+
+
+def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+    """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
+    laps = _laps(phi)
+    number = _number(phi, laps)
+    sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
+    before, after, share = (np.array(side) for side in zip(*sides, strict=True))
+    return Sampling(before, after, share, phi, stands, stand_share)
+
+
+def _number(phi: Array, laps: int) -> Array:
+    """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
+    number: Array = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    return number
+
+
+def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
+    """Return the rows of one lap before and after each grid angle, (GRID,) each, and the weight of the latter."""
+    order = rows[np.argsort(phi[rows] % (2 * np.pi))]
+    angle = phi[order] % (2 * np.pi)
+    grid = np.arange(GRID) * 2 * np.pi / GRID
+    after = np.searchsorted(angle, grid) % len(angle)
+    before = after - 1
+    step = (angle[after] - angle[before]) % (2 * np.pi)
+    share = ((grid - angle[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+    return order[before], order[after], np.clip(share, 0, 1)
+
+
+def _stands(one: Observation) -> list[Integers]:
+    """Return the rows of standing before and after the lap, or an empty list unless both exist."""
+    t, q = one.path.t_s, one.path.q
+    speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[one.rows])
+    first, last = int(one.rows[0]), int(one.rows[-1])
+    found = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    return found if min(map(len, found)) >= _LEAST_STAND else []

@@ -1,0 +1,505 @@
+"""The plan: which effects tests can detect and distinguish before anything is measured, and what helps further."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+
+from analysis.inference.blocks import Block
+from analysis.inference.candidates import LARGEST_FAULT, Candidate
+from analysis.inference.expected import (
+    DETECTABLE,
+    SEPARABLE,
+    ExpectedPosterior,
+    expected_posterior,
+    is_detectable,
+    is_separable,
+    planned_blocks,
+)
+from analysis.inference.responses import Linearisation
+from analysis.kinematics.arm import Array, transform
+from analysis.model.predict import SetUp
+from rigs.effects import Effect, turned
+from rigs.errors import FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
+from rigs.schema.vocabulary import CIRCLES, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Further tests: those that could be run in addition, namely the other tests of the rig file and circles with another
+# set-up.
+
+_RADII_MM = (140.0, 50.0)
+"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller one that most arms can drive.
+"""
+_NEAR = 0.2
+"""Difference of the logarithms of two radii below which they count as one. Chosen."""
+_ASIDE_MM = 100.0
+"""Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on an arm of
+one metre."""
+FASTER = 4
+"""Factor on the speed of a further circle. Chosen: time effects grow by the same factor."""
+OFF_AXIS_MM = 40.0
+"""Offset of the ball from axis 6 in a further circle. Chosen: a bracket of that length is easily made."""
+
+
+@dataclass(frozen=True)
+class FurtherTest:
+    """A further test. `choices` lists rigs that are set up for it, each with a description; the first one that the arm
+    can drive is used."""
+
+    tests: tuple[TestName, ...]
+    why: str
+    choices: tuple[tuple[str, Rig], ...]
+
+
+def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
+    """Return the tests that are not among `tests`, including set-ups that the rig file does not contain."""
+    missing: tuple[TestName, ...] = tuple(test for test in CIRCLES if test not in tests)
+    found = []
+    if missing and rig.tests.circle:
+        words = f"{' and '.join(missing)} on the circle"
+        found.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
+    if rig.tests.hemisphere:
+        if "radial" not in tests:
+            found.append(FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),)))
+        if "repeatability" not in tests:
+            found.append(FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),)))
+    # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
+    return found + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
+
+
+def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[FurtherTest]:
+    circles: tuple[TestName, ...] = tuple(test for test in CIRCLES if test in tests) or CIRCLES
+    nearby = places(rig, circle)
+    found = []
+    for radius in other_radii(circle):
+        words = f"circle of radius {radius:g} mm"
+        choices = [(words, with_circle(rig, circle, radius_mm=radius))]
+        choices += [(f"{words}, {w}", with_circle(rig, circle, radius_mm=radius, centre_mm=at)) for w, at in nearby]
+        found.append(
+            FurtherTest(
+                circles, "the effect of an angle grows with the radius, that of a length does not", tuple(choices)
+            )
+        )
+    elsewhere = tuple((f"circle {words}", with_circle(rig, circle, centre_mm=at)) for words, at in nearby)
+    found.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
+    speed = FASTER * circle.speed_mm_s
+    faster = ((f"circle at {speed:g} mm/s", with_circle(rig, circle, speed_mm_s=speed)),)
+    found.append(
+        FurtherTest(circles, "the effect of a delay grows with the speed, that of a play or a length does not", faster)
+    )
+    beside = ball_off_axis(rig)
+    if beside:
+        words = f"circle with the ball {OFF_AXIS_MM:g} mm off axis 6"
+        found.append(FurtherTest(circles, "the ball moves when axis 6 turns", ((words, beside),)))
+    return found
+
+
+def other_radii(circle: Circle) -> tuple[float, ...]:
+    """Return the radii in mm of further circles that differ from a circle's."""
+    return tuple(radius for radius in _RADII_MM if abs(np.log(radius / circle.radius_mm)) > _NEAR)
+
+
+def ball_off_axis(rig: Rig) -> Rig | None:
+    """Return a rig with the ball OFF_AXIS_MM beside axis 6, or None where it is beside it already."""
+    x, y, z = rig.robot.tool.xyz_mm
+    if np.hypot(x, y) >= OFF_AXIS_MM / 2:
+        return None
+    tool = rig.robot.tool.model_copy(update={"xyz_mm": (x + OFF_AXIS_MM, y, z)})
+    return rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
+
+
+def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
+    """Return a rig with its circle changed."""
+    tests = rig.tests.model_copy(update={"circle": circle.model_copy(update=changed)})
+    return rig.model_copy(update={"tests": tests})
+
+
+def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
+    """Return centres displaced from the circle's, each with a description: towards axis 1 and away from it, along it
+    down and up."""
+    T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
+    up, out = T[:3, 2], centre - T[:3, 3]
+    out = out - (out @ up) * up
+    out /= max(float(np.linalg.norm(out)), 1e-9)
+    ways = {"nearer to axis 1": -out, "lower": -up, "further from axis 1": out, "higher": up}
+    return [(f"{_ASIDE_MM:g} mm {words}", tuple((centre + _ASIDE_MM * way).tolist())) for words, way in ways.items()]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Further tests that separate names which the existing tests cannot distinguish; each is tried with the set-ups that
+# the arm can drive.
+
+_ELSEWHERE = " further"
+"""Suffix of the set-ups of a further test, which differ from those of the existing runs."""
+
+
+@dataclass(frozen=True)
+class SeparatingTest:
+    """A further test, the sigmas by which it separates the two closest of some rivals together with the existing tests,
+    and the reason."""
+
+    test: str
+    sigma: float
+    why: str
+
+
+@dataclass(frozen=True)
+class PossibleTest:
+    """A further test, the reason why it may help, and the expected posterior of it together with the existing runs."""
+
+    test: str
+    why: str
+    expected: ExpectedPosterior
+
+
+def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
+    """Return possible tests with the sigmas by which they separate the two closest of some effects at their sizes, the
+    best first; empty for fewer than two effects."""
+    pairs = list(permutations(effects, 2))
+    found = [
+        SeparatingTest(one.test, min(one.expected.separation_sigma([a], phases(b)) for a, b in pairs), one.why)
+        for one in possible
+        if pairs
+    ]
+    return best_first(found)
+
+
+def possible_tests(
+    rig: Rig,
+    tests: Sequence[TestName],
+    blocks: Sequence[Block],
+    setups: Mapping[str, SetUp],
+    level: float = 1.0,
+    runs: int = 3,
+) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
+    """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
+    the reason."""
+    found, impossible = [], []
+    for further in further_tests(rig, tests):
+        refused = ""
+        for words, moved in further.choices:
+            try:
+                more, places = planned_blocks(moved, further.tests, runs, _ELSEWHERE)
+            except FileError as error:
+                refused = refused or error.what
+                continue
+            found.append(
+                PossibleTest(words, further.why, expected_posterior([*blocks, *more], {**setups, **places}, level))
+            )
+            break
+        else:
+            impossible.append((further.choices[0][0], refused))
+    return found, impossible
+
+
+def best_first(found: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
+    """Return the tests ordered by the sigmas by which they separate."""
+    return tuple(sorted(found, key=lambda one: -one.sigma))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The detectability of one name in planned runs: the expected uncertainty of its size, or the reason why it cannot be
+# detected.
+
+_ON_AXIS = 0.02
+"""Share of the largest response of a joint's zero below which the axis is reported to pass through the ball. Chosen: a
+ball within 2 % of the reach."""
+_NUDGE_DEG = 0.02
+"""Angle by which joints are turned to compare their responses; only the ratios matter."""
+_OWN_SHARE = 0.02
+"""Share of an effect's response that no set-up can absorb, below which the set-up is reported as the reason. Smaller
+shares are within the linearisation error of curved responses."""
+_NOTHING = 1e-3
+"""Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """The detectability of one name. `effect` has a healthy size; `sd` is the standard uncertainty of a fault's size in
+    the effect's own unit; `hidden` is the reason why it cannot be detected, or empty; `further` lists tests by the
+    sigmas of a healthy size."""
+
+    name: str
+    effect: Effect
+    sd: float
+    hidden: str
+    further: tuple[SeparatingTest, ...] = ()
+
+    @property
+    def limit(self) -> float:
+        """The size that is detected at 7 sigma, in the effect's own unit."""
+        return DETECTABLE * self.sd
+
+
+def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
+    """Return the candidates that represent each name, a gear by its orders and in the middle one of its forms, and
+    their detectabilities."""
+    forms: dict[str, list[Candidate]] = {}
+    for one in expected.candidates:
+        forms.setdefault(label_of(one.effect), []).append(one)
+    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, 7)])
+    chosen, detectabilities = [], []
+    for label, own in forms.items():
+        one = sorted(own, key=lambda form: form.size)[len(own) // 2]
+        effect, sd = healthy(one.effect), expected.sd(one)
+        hidden = "" if is_detectable(sd) else _reason(expected.linear, effect, zeros)
+        chosen.append(one)
+        detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
+    return chosen, detectabilities
+
+
+def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
+    """Return why an effect cannot be detected; `zeros` (6,) are the sigmas of each joint's zero, were the
+    set-up known."""
+    column = linear.columns([effect])[:, 0]
+    whole, own = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
+    if whole > _NOTHING and own < _OWN_SHARE * whole:
+        return "the set-up absorbs it: the ball's position and the gauges' zeros, which are always fitted"
+    axis = getattr(effect, "axis", None)
+    if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
+        return f"the ball lies on axis {axis}"
+    if LARGEST_FAULT * whole < _NOTHING:
+        return effect.idle
+    if LARGEST_FAULT * own < DETECTABLE:
+        return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
+    return "the other effects of a healthy arm hide it"
+
+
+def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:
+    sigma: Array = np.linalg.norm(linear.columns(effects), axis=0)
+    return sigma
+
+
+def by_name(detectabilities: Sequence[Detectability]) -> dict[str, tuple[Detectability, ...]]:
+    """Return detectabilities by the name of an effect: one each, or those of the orders of a gear."""
+    found: dict[str, tuple[Detectability, ...]] = {}
+    for one in detectabilities:
+        name = name_of(one.effect)
+        found[name] = (*found.get(name, ()), one)
+    return found
+
+
+def undetectable(detectabilities: Sequence[Detectability]) -> tuple[str, ...]:
+    """Return the names of which nothing can be detected."""
+    return tuple(name for name, forms in by_name(detectabilities).items() if all(one.hidden for one in forms))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The judgement of planned runs: from which size on each name is detected, and which names look alike.
+#
+# Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
+# between them dismiss neither.
+
+
+@dataclass(frozen=True)
+class ClosePair:
+    """The closest forms of two names at a detectable fault size, given in healthy sizes, their separation in sigmas,
+    and the number of other forms of these names that are close too."""
+
+    candidates: tuple[Candidate, Candidate]
+    sizes: tuple[float, float]
+    sigma: float
+    others: int = 0
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The two names."""
+        first, second = self.candidates
+        return first.name, second.name
+
+    @property
+    def first(self) -> tuple[Effect, ...]:
+        """The effects of the first name at its size."""
+        return _at_size(self.candidates[0], self.sizes[0])
+
+    @property
+    def second(self) -> tuple[Effect, ...]:
+        """The effects of the second name at its size."""
+        return _at_size(self.candidates[1], self.sizes[1])
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What runs can show: the detectability of each name, gears by order, and the pairs that look alike, the closest
+    first."""
+
+    detectabilities: tuple[Detectability, ...]
+    pairs: tuple[ClosePair, ...]
+
+    @property
+    def names(self) -> dict[str, tuple[Detectability, ...]]:
+        """Each name with its detectabilities: one, or one for each order of a gear."""
+        return by_name(self.detectabilities)
+
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """Names of which nothing is detected, at any order of a gear."""
+        return undetectable(self.detectabilities)
+
+
+def judged(expected: ExpectedPosterior) -> Judgement:
+    """Return the judgement of an expected posterior."""
+    chosen, detectabilities = detectabilities_of(expected)
+    return Judgement(tuple(detectabilities), tuple(_close_pairs(expected, chosen, detectabilities)))
+
+
+def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
+    """Return the sigmas by which the two names of a pair are separated, whichever of them is present."""
+    first, second = pair.first, pair.second
+    return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
+
+
+def _close_pairs(
+    expected: ExpectedPosterior, chosen: Sequence[Candidate], detectabilities: Sequence[Detectability]
+) -> list[ClosePair]:
+    """Return the pairs of names separated by less than SEPARABLE in either direction, the closest first. Orders of one
+    gear are not rivals."""
+    seen = [k for k, one in enumerate(detectabilities) if not one.hidden]
+    sizes = [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in seen]
+    found: dict[tuple[str, str], ClosePair] = {}
+    for i, j in expected.close_pairs([chosen[k] for k in seen], np.array(sizes)):
+        bare = ClosePair((chosen[seen[i]], chosen[seen[j]]), (sizes[i], sizes[j]), 0.0)
+        one = replace(bare, sigma=separation_sigma(expected, bare))
+        if one.sigma < SEPARABLE:
+            known = found.get(one.names)
+            nearer = one if known is None or one.sigma < known.sigma else known
+            found[one.names] = replace(nearer, others=known.others + 1 if known else 0)
+    return sorted(found.values(), key=lambda one: one.sigma)
+
+
+def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
+    return tuple(scaled(healthy(effect), size) for effect in candidate.effects)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The plan: which effects a set of tests can detect and distinguish before anything is measured, and which further
+# test separates names that look alike.
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two names that look alike, for a gear with the order at which they are closest. `sigma` is the separation of one,
+    as a detectable fault, from the other at any size; `others` counts the other orders that look alike too."""
+
+    names: tuple[str, str]
+    sigma: float
+    others: int
+    further: tuple[SeparatingTest, ...]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a further test adds: the number of pairs that it separates, and the number of undetectable names that it
+    makes detectable."""
+
+    test: str
+    why: str
+    parts: int
+    shows: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
+    `impossible` lists tests that this arm cannot drive, each with the reason."""
+
+    tests: tuple[TestName, ...]
+    runs: int
+    detectabilities: tuple[Detectability, ...]
+    groups: tuple[tuple[str, ...], ...]
+    pairs: tuple[Pair, ...]
+    gains: tuple[Gain, ...]
+    impossible: tuple[tuple[str, str], ...]
+
+    @property
+    def hidden(self) -> tuple[Detectability, ...]:
+        """What these tests cannot detect, with a separate entry for each order of a gear."""
+        return tuple(one for one in self.detectabilities if one.hidden)
+
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """Names of which these tests detect nothing, at any order of a gear."""
+        return undetectable(self.detectabilities)
+
+    @property
+    def names(self) -> dict[str, tuple[Detectability, ...]]:
+        """Each name with its detectabilities: one, or one for each order of a gear."""
+        return by_name(self.detectabilities)
+
+
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
+    """Return what tests of a rig, each driven `runs` times in each direction, can and cannot distinguish.
+
+    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background. The ball is
+    off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
+    """
+    blocks, setups = planned_blocks(rig, tests, runs)
+    judgement = judged(expected_posterior(blocks, setups))
+    possible, impossible = possible_tests(rig, tests, blocks, setups, runs=runs)
+    further, gains = _further_tests(possible, judgement)
+    return Plan(
+        tuple(tests),
+        runs,
+        tuple(replace(one, further=further.get(name_of(one.effect), ())) for one in judgement.detectabilities),
+        _groups([one.names for one in judgement.pairs]),
+        tuple(
+            Pair((label_of(one.first[0]), label_of(one.second[0])), one.sigma, one.others, further[one.names])
+            for one in judgement.pairs
+        ),
+        gains,
+        tuple(impossible),
+    )
+
+
+def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
+    """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises UseError for
+    an unknown name."""
+    if names is None:
+        circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
+        return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
+    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability")
+    asked = [name.strip() for name in names.split(",")]
+    for name in asked:
+        if name not in known:
+            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(known)}")
+    return tuple(name for name in known if name in asked)
+
+
+def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
+    """Return groups of names that are connected by pairs."""
+    groups: list[list[str]] = []
+    for pair in pairs:
+        joined = [group for group in groups if set(group) & set(pair)]
+        groups = [group for group in groups if group not in joined]
+        groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
+    return tuple(tuple(group) for group in groups)
+
+
+def _further_tests(
+    possible: Sequence[PossibleTest], judgement: Judgement
+) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
+    """Return the further tests for each pair of names and for each undetectable name, the best first, and what each
+    test gains, the most first."""
+    hidden, near = judgement.undetectable, judgement.pairs
+    asked: list[str | tuple[str, str]] = [*hidden, *(one.names for one in near)]
+    further: dict[str | tuple[str, str], list[SeparatingTest]] = {one: [] for one in asked}
+    gains = []
+    for one in possible:
+        sigma: dict[str | tuple[str, str], float] = {pair.names: separation_sigma(one.expected, pair) for pair in near}
+        parted = sum(map(is_separable, sigma.values()))
+        sds = {name: one.expected.sd_of_name(name) for name in hidden}
+        gains.append(Gain(one.test, one.why, parted, sum(map(is_detectable, sds.values()))))
+        sigma |= {name: 1 / sd for name, sd in sds.items()}
+        for what, own in sigma.items():
+            further[what].append(SeparatingTest(one.test, own, one.why))
+    return (
+        {what: best_first(found) for what, found in further.items()},
+        tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
+    )

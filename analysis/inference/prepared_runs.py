@@ -1,0 +1,237 @@
+"""Runs prepared for a diagnosis: all about the model of one rig, and wild targets set aside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.conventions.check import findings_of
+from analysis.conventions.finding import Finding
+from analysis.conventions.gauge_order import ORDER, SIGN
+from analysis.inference.observation import Observation, ObservedRun, observe_run, residuals_of, with_placement
+from analysis.inference.setups import fit_run_setups, part, split_by_frame, with_effects, with_enough_readings
+from analysis.kinematics.arm import Array, Mask
+from analysis.model.predict import model_of
+from analysis.noise.cell import TARGET_MM
+from analysis.noise.wild import by_accident
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable, PoseTable, Table
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Runs prepared for a diagnosis: all about the model of one rig, whatever their own rig files contain.
+
+_FEW = 1e-3
+"""Share of wild readings up to which they are not reported: where a play is crossed, some sound readings are classified
+as wild. Chosen."""
+
+
+def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[ObservedRun]], list[str]]:
+    """Return the runs of each use as the diagnosis uses them, with the circle and targets of their own rig files, and
+    messages about their frames and wiring.
+
+    All runs of one cell and placement share a set-up and its name, whatever their use. Runs that fit only if a
+    convention is another than labelled, and runs of a set-up that absorbs all of their readings (m, k), are left out.
+    Raises FileError for a run of another robot, and where a convention leaves no run of the first use.
+    """
+    runs = [run for use in uses for run in use]
+    names = [run.run.manifest.name for run in runs]
+    use_of = [number for number, use in enumerate(uses) for _ in use]
+    found_wrong = findings_of(runs)
+    wrong = _contradicted(runs, found_wrong)
+    _hold_some(uses[0], runs, wrong)
+    seen = _about_one_rig(rig, runs)
+    kept = [k for k in range(len(runs)) if k not in wrong]
+    found, doubts = _split_by_frame([seen[k] for k in kept], [names[k] for k in kept])
+    for k, finding in reversed(wrong.items()):
+        doubts.insert(0, f"{names[k]} is left out: {finding.words}")
+    doubts += _likely(found_wrong)
+    doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
+    parts = []
+    for number in range(len(uses)):
+        own = [run for k, run in zip(kept, found, strict=True) if use_of[k] == number]
+        enough, too_few = with_enough_readings([run.one for run in own]) if own else ([], [])
+        parts.append([own[k] for k in enough])
+        doubts += too_few
+    return parts, doubts
+
+
+def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
+    """Return the runs that are no measurement as they are labelled, each with what shows it."""
+    certain = [finding for finding in findings if finding.strength != "likely"]
+    shown = {
+        k: next((finding for finding in certain if run.run.manifest.name in finding.runs), None)
+        for k, run in enumerate(runs)
+    }
+    return {k: finding for k, finding in shown.items() if finding is not None}
+
+
+def _hold_some(used: Sequence[Measured], runs: Sequence[Measured], wrong: Mapping[int, Finding]) -> None:
+    """Raise FileError where no run is left to find effects from."""
+    first = [k for k in range(len(runs)) if k < len(used)]
+    if first and all(k in wrong for k in first):
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+
+
+def _likely(findings: Sequence[Finding]) -> list[str]:
+    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it."""
+    likely = [one for one in findings if one.convention in (ORDER, SIGN) and one.strength == "likely"]
+    doubts = []
+    for meant in dict.fromkeys(one.meant for one in likely):
+        names = [name for one in likely if one.meant == meant for name in one.runs]
+        more = f" and {len(names) - 1} more" * (len(names) > 1)
+        doubts.append(
+            f"{meant} in {names[0]}{more}, where repeats cannot show it; every size would be wrong then: press a probe "
+            "to see which is which before anything is corrected"
+        )
+    return doubts
+
+
+def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
+    """Return a message with the number of wild readings of circles, from the name, wild readings and table of
+    each run."""
+    circles = [(name, wild, table.g_mm.size) for name, wild, table in counted if isinstance(table, CircleTable)]
+    wild, readings = sum(one[1] for one in circles), sum(one[2] for one in circles)
+    if wild <= _FEW * readings:
+        return []
+    most = max(circles, key=lambda one: one[1])
+    what = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+    return [f"{what} (most, {most[1]}, in {most[0]})"]
+
+
+def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return the runs about a rig with their own circle and targets; set-ups are named by test, placement and cell."""
+    cells: list[Rig] = []
+    seen: list[ObservedRun] = []
+    of_rig = any(run.rig.robot == rig.robot for run in runs)
+    for run in runs:
+        # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
+        robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
+        if robot != rig.robot:
+            raise FileError(
+                str(run.path),
+                f"is of another robot than {rig.name} ({_differing(run.rig, rig)})",
+                "diagnose the runs of one robot at a time, or give the --rig that they were made with",
+            )
+        cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
+        if cell not in cells:
+            cells.append(cell)
+        one = observe_run(model_of(cell), run.table, str(run.path))
+        placed = with_placement(one.one, run.run.manifest.placement)
+        place = cells.index(cell)
+        # Another circle or other gauges need another set-up.
+        setup = placed.setup + f" {place + 1}" * (place > 0)
+        seen.append(replace(one, one=replace(placed, setup=setup)))
+    return seen
+
+
+def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs with a set-up for each frame that the runs of a set-up show, and messages about them."""
+    found, doubts = list(seen), []
+    for setup in dict.fromkeys(run.one.setup for run in seen):
+        places = [k for k, run in enumerate(seen) if run.one.setup == setup]
+        own, words = split_by_frame(seen[places[0]].model, [seen[k].one for k in places], [names[k] for k in places])
+        for k, one in zip(places, own, strict=True):
+            found[k] = replace(seen[k], one=one)
+        doubts += words
+    return found, doubts
+
+
+def _differing(one: Rig, other: Rig) -> str:
+    fields = [name for name in type(one.robot).model_fields if getattr(one.robot, name) != getattr(other.robot, name)]
+    return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Wild readings at targets and poses, which no effect explains: they are counted, and judge no model.
+#
+# Names are selected with robust weights, so that a wild reading has little influence there. An rms has no such
+# weights: a single pose that was 25 mm wrong among those held out made a right name one that makes them worse.
+
+_SPREADS, _NEAR = 10.0, 2.5
+"""Robust standard deviations from which a reading is wild, and up to which it counts while set-ups are fitted; they are
+taken to be at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test, and usual."""
+_STEPS = 4
+"""Number of fits of the set-ups, each to the readings that are near after the one before (Rousseeuw's concentration
+steps): fitted to all of them, the set-up of one wild reading in nine hid them."""
+
+
+def without_wild(
+    runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
+) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
+    `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
+    for."""
+    targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
+    sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
+    away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
+    kept = _no_accidents([runs[k] for k in targets], [spreads > _SPREADS for _, spreads in away])
+    for k, (distance_mm, spreads) in zip(targets, away, strict=True):
+        one, wild = runs[k].one, spreads > _SPREADS
+        if one.setup in kept:
+            if wild.any():
+                shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
+            continue
+        sound[k] = replace(runs[k], one=part(one, ~wild))
+        if wild.any():
+            far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
+    doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
+    return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
+
+
+def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
+    """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
+    themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
+    poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PoseTable)]
+    found = set()
+    for setup in dict.fromkeys(runs[k].one.setup for k in poses):
+        own = [k for k in poses if runs[k].one.setup == setup]
+        angles = np.concatenate([runs[k].one.table.q[runs[k].one.rows] for k in own])
+        if not by_accident(np.concatenate([wild[k] for k in own]), angles):
+            found.add(setup)
+    return found
+
+
+def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
+    """Return how far the readings (m,) of each run are from the model, in mm and in robust standard deviations of their
+    set-up, with set-ups fitted to those that are near."""
+    near: list[Mask] = [np.ones(len(run.one.rows), dtype=bool) for run in runs]
+    found: list[tuple[Array, Array]] = []
+    for _ in range(_STEPS):
+        those = [replace(run, one=part(run.one, mask)) for run, mask in zip(runs, near, strict=True)]
+        setups, _ = fit_run_setups(those)
+        distances = [np.linalg.norm(residuals_of(run.model, [run.one], setups)[0], axis=1) for run in runs]
+        sd_mm = {}
+        for setup in setups:
+            every = [mm for run, mm in zip(runs, distances, strict=True) if run.one.setup == setup]
+            sd_mm[setup] = max(1.4826 * float(np.median(np.concatenate(every))), TARGET_MM.high)
+        found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
+        near = [spreads <= _NEAR for _, spreads in found]
+    return found
+
+
+def _shared(one: Observation, far: int, most_mm: float) -> str:
+    """Return what a person should know of readings that are far off and no accident."""
+    return (
+        f"{far} of {len(one.rows)} readings of {one.setup} lie far from all others, up to {most_mm:.1f} mm, and are "
+        "not left out: so many, or all in one range of a joint, are no lost points; check the signs, order and zeros "
+        "of the joints, and whether instrument or base moved"
+    )
+
+
+def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: str, most_mm: float, use: str) -> str:
+    """Return what a person should know of the wild readings of a set-up."""
+    own = [k for k, run in enumerate(runs) if run.one.setup == setup]
+    count = sum(len(runs[k].one.rows) for k in own)
+    wild = count - sum(len(sound[k].one.rows) for k in own)
+    if isinstance(runs[own[0]].one.table, PoseTable):
+        what, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+    else:
+        what = f"readings at the targets of {setup}"
+        check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+    are = "is wild" if wild == 1 else "are wild"
+    return f"{wild} of {count} {what} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: {check}"

@@ -1,0 +1,321 @@
+"""Residuals: which orders and targets hold more than noise, where on the circle, and the curves that plots show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.geometry.hemisphere import target_angles
+from analysis.inference.blocks import BAND_EDGES, Block
+from analysis.inference.observation import GRID, ORDER_OF, curve
+from analysis.inference.result import Curve, Map, Place, ResidualBand
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.joint_reversals import turns
+from analysis.traces.laps import laps_of
+from analysis.traces.tables import CircleTable, PoseTable, test_of
+from rigs.schema.vocabulary import Direction, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The unexplained residual: the bands of orders, and the targets, where more remains than noise explains, with a
+# description.
+
+_REPORTED = 4
+"""Number of bands that are reported. Chosen: more do not help a reader."""
+_LEAST = 2.0
+"""Ratio of the energy to that of the noise above which a band is reported. Chosen: at 2 the residual beyond the noise
+is as large as the noise."""
+_CLEAR = 6.0
+"""Standard deviations of chi-square by which a band must exceed its noise, so that bands of few readings are not
+reported by chance: among bands of five readings, noise alone exceeds it once in some thousands."""
+_SLOW = 30
+"""Orders below this are compared between the directions. Chosen: as for the level of slow noise in `noise`."""
+
+
+@dataclass(frozen=True)
+class _Band:
+    block: Block
+    part: str
+    orders: tuple[int, int] | None
+    count: int
+    energy_mm2: float
+    ratio: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it exceeds its noise by more than chance explains."""
+        return bool(self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count)))
+
+
+def bands_above_noise(blocks: Sequence[Block], left: Array) -> tuple[ResidualBand, ...]:
+    """Return the bands that exceed their noise, those with the largest energy in mm² first, given the residual `left`
+    (N,) in standard deviations of the noise."""
+    found = [band for band in _bands(blocks, left) if band.is_clear]
+    found.sort(key=lambda band: -band.energy_mm2)
+    parity = _parity(blocks, left)
+    return tuple(_described(band, parity) for band in found[:_REPORTED])
+
+
+def _bands(blocks: Sequence[Block], left: Array) -> Iterator[_Band]:
+    begin = 0
+    for block in blocks:
+        own = left[begin : begin + len(block.y_mm)]
+        begin += len(own)
+        if not block.sampling:
+            yield _band(block, "targets", None, own, np.arange(len(own)))
+            continue
+        half = len(ORDER_OF) // 2
+        for part, entries in (("distance", np.arange(half)), ("angle", np.arange(half, 2 * half))):
+            for low, high in pairwise(BAND_EDGES):
+                here = entries[(ORDER_OF[entries] >= low) & (ORDER_OF[entries] < high)]
+                yield _band(block, part, (low, high - 1), own, here)
+
+
+def _band(block: Block, part: str, orders: tuple[int, int] | None, own: Array, here: Integers) -> _Band:
+    energy = float(((own[here] * block.sd_mm[here]) ** 2).sum())
+    return _Band(block, part, orders, len(here), energy, float(np.mean(own[here] ** 2)))
+
+
+def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], float]:
+    """Return the correlation of the residual cw and acw at the same circle angles, by test and part."""
+    parts: dict[tuple[TestName, Direction], Array] = {}
+    begin = 0
+    for block in blocks:
+        table = block.one.table
+        if isinstance(table, CircleTable):
+            parts[table.test, table.direction] = left[begin : begin + len(ORDER_OF)]
+        begin += len(block.y_mm)
+    half, found = len(ORDER_OF) // 2, {}
+    for test in {test for test, _ in parts}:
+        both = [parts.get((test, way)) for way in ("cw", "acw")]
+        if both[0] is None or both[1] is None:
+            continue
+        for part, entries in (("distance", slice(0, half)), ("angle", slice(half, 2 * half))):
+            a, b = both[0][entries], both[1][entries]
+            slow = ORDER_OF[entries] < _SLOW
+            found[test, part] = float(np.corrcoef(a[slow], b[slow])[0, 1])
+    return found
+
+
+def _described(band: _Band, parity: dict[tuple[TestName, str], float]) -> ResidualBand:
+    table, times = band.block.one.table, f"{np.sqrt(band.ratio):.1f} times the noise"
+    if not isinstance(table, CircleTable):
+        return ResidualBand(test_of(table), None, "targets", None, band.ratio, f"targets scatter by {times}")
+    assert band.orders is not None  # noqa: S101 - bands of circles have orders
+    words = f"{band.orders[0]} to {band.orders[1]} cycles a lap, {times}"
+    same = parity.get((table.test, band.part))
+    if same is not None and abs(same) > 0.5:
+        words += ", alike in both directions" if same > 0 else ", of opposite sign in the other direction"
+    return ResidualBand(table.test, table.direction, band.part, band.orders, band.ratio, words)  # type: ignore[arg-type]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The places where measurement and simulation disagree: stretches of a circle, or targets, where the residual exceeds
+# its noise.
+#
+# A residual that is too small to be detected at any single place may still be detected by its form over the whole
+# lap, which the search uses.
+
+_SMOOTH = 60
+"""Orders above this are too fine for a place. Chosen: a wave of order 60 spans 6 degrees of the circle."""
+_SIGMA = 4.0
+"""Sigmas above which a residual is reported: with 512 correlated values, noise alone rarely exceeds 4 sigma."""
+_GAP = GRID // 60
+"""Steps of the grid between two stretches that are reported as one: 6 degrees, the resolution of the smoothed residual.
+"""
+_NEAR_DEG = 4.0
+"""Distance from a reversal within which a stretch or jump is attributed to it. Chosen: a play is crossed within some
+degrees."""
+_UNUSUAL = 5.0
+"""Ratio to the median change over the same distance above which a change is a jump. Chosen: the largest change of a
+wave is 1.4 times its median change."""
+_MOST = 10
+"""Number of places that are reported. Chosen: more do not help a reader."""
+
+
+def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
+    """Return the worst places, the largest sigma first, given the residual of each block as its entries (N,) mm."""
+    found: list[Place] = []
+    for block, left in zip(blocks, left_mm, strict=True):
+        found += _on_circle(block, left) if block.sampling else _at_targets(block, left)
+    return tuple(sorted(found, key=lambda place: -place.sigma)[:_MOST])
+
+
+def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
+    """Return the circle angles in degrees at which joints reverse, each with its joint."""
+    if not isinstance(block.one.table, CircleTable):
+        return ()
+    lap = laps_of(block.one.table, block.model.rig, block.name)
+    return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
+
+
+def _on_circle(block: Block, left: Array) -> list[Place]:
+    table = block.one.table
+    assert isinstance(table, CircleTable)  # noqa: S101 - blocks with a sampling are circles
+    half = len(ORDER_OF) // 2
+    smooth = np.where(ORDER_OF <= _SMOOTH, left[: 2 * half], 0.0)
+    readings = curve(smooth)
+    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, one, 0.0)) for one in block.stamps_mm[: 2 * half].T]
+    offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
+    where = reversals_of(block)
+    found = []
+    for part, of, entries in (("distance", _distance, slice(0, half)), ("angle", _angle, slice(half, 2 * half))):
+        values = of(readings)
+        # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
+        # sqrt 2 of its own.
+        scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
+        kept = ORDER_OF[entries] <= _SMOOTH
+        alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
+        noise = np.sqrt(alike**2 + sum((of(one) ** 2 for one in stamps), np.zeros(GRID)))
+        for begin, end in _stretches(np.abs(values) > _SIGMA * noise):
+            rows = np.arange(begin, end) % GRID
+            rms = float(np.sqrt(np.mean(values[rows] ** 2)))
+            sigma = float((np.abs(values[rows]) / noise[rows]).max())
+            a, b = 360 * begin / GRID, 360 * (end - 1) / GRID
+            joint = _turning(where, a, b)
+            why = _why(joint, values, a, b)
+            span = float(np.ptp(offsets)) or 1.0
+            if part == "angle" and joint is None and b - a > 300:
+                why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
+            found.append(
+                Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
+            )
+        for phi, joint, jump, sigma in _jumps(values, where, noise):
+            why = f"reversal: jumps by {1e3 * jump:.1f} µm"
+            low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
+            found.append(
+                Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
+            )
+    return found
+
+
+def _distance(readings: Array) -> Array:
+    """Return the mean (GRID,) of two gauges (GRID, 2)."""
+    mean: Array = readings.mean(axis=1)
+    return mean
+
+
+def _angle(readings: Array) -> Array:
+    """Return the difference (GRID,) of two gauges (GRID, 2)."""
+    difference: Array = readings[:, 1] - readings[:, 0]
+    return difference
+
+
+def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: Array) -> list[tuple[float, int, float, float]]:
+    """Return the reversals at which the residual (GRID,) jumps more than elsewhere, given its noise (GRID,): circle
+    angle in degrees, joint, size of the jump, and sigma."""
+    step = max(1, round(_NEAR_DEG / 360 * GRID))
+    over = np.abs(np.roll(values, -step) - np.roll(values, step))
+    sigmas = over / np.hypot(np.roll(noise, -step), np.roll(noise, step))
+    usual = float(np.median(over))
+    found = []
+    for phi, joint in where:
+        near = (round(phi / 360 * GRID) + np.arange(-step, step + 1)) % GRID
+        largest = near[int(np.argmax(over[near]))]
+        jump, sigma = float(over[largest]), float(sigmas[largest])
+        if jump > _UNUSUAL * usual and sigma > _SIGMA:
+            found.append((phi, joint, jump, sigma))
+    return found
+
+
+def _stretches(over: Array) -> list[tuple[int, int]]:
+    """Return the first and last index of each stretch on the closed circle. Small gaps are bridged, and an end may lie
+    beyond the end of the lap."""
+    if over.all():
+        return [(0, GRID)]
+    start = int(np.argmin(over))
+    flags = np.roll(over, -start)
+    runs: list[list[int]] = []
+    for k in np.flatnonzero(flags):
+        if runs and k - runs[-1][1] <= _GAP:
+            runs[-1][1] = int(k) + 1
+        else:
+            runs.append([int(k), int(k) + 1])
+    return [(begin + start, end + start) for begin, end in runs if end - begin > 1]
+
+
+def _turning(where: Sequence[tuple[float, int]], begin_deg: float, end_deg: float) -> int | None:
+    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal."""
+    if end_deg - begin_deg > 90:
+        return None
+    middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
+    near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]
+    best = min(near, default=(np.inf, 0))
+    return best[1] if best[0] <= reach else None
+
+
+def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> str:
+    if joint is not None:
+        return "reversal"
+    power = np.abs(np.fft.rfft(values)) ** 2
+    order = int(np.argmax(power))
+    if power[order] > 0.5 * power.sum():
+        return "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
+    return "all along the circle" if end_deg - begin_deg > 300 else "stretch"
+
+
+def _at_targets(block: Block, left: Array) -> list[Place]:
+    table = block.one.table
+    if isinstance(table, PoseTable):
+        size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
+        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), block.one.rows + 1
+        what = "poses"
+    else:
+        assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
+        size, noise, number = np.abs(left), block.sd_mm, table.target
+        what = "targets"
+    over = size > _SIGMA * noise
+    if not over.any():
+        return []
+    why = f"{over.sum()} of {len(size)} {what}, worst {number[int(np.argmax(size))]}"
+    return [
+        Place(
+            test_of(table),
+            None,
+            "distance",
+            float(number[over].min()),
+            float(number[over].max()),
+            None,
+            why,
+            1e3 * float(np.sqrt(np.mean(size[over] ** 2))),
+            float((size / noise).max()),
+        )
+    ]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Residuals of a model, with set-ups fitted, in the form that plots show: curves of circles and maps of targets.
+
+
+def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Curve, ...]:
+    """Return the curves of the blocks of circles, given the residual (N,) mm of each block before and after."""
+    parts = zip(blocks, before, after, strict=True)
+    return tuple(_curve(block, b, a) for block, b, a in parts if block.sampling)
+
+
+def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Map, ...]:
+    """Return the maps of the blocks of targets and poses, given the residual (N,) mm of each block before and after."""
+    parts = zip(blocks, before, after, strict=True)
+    return tuple(_map(block, b, a) for block, b, a in parts if not block.sampling)
+
+
+def _curve(block: Block, before: Array, after: Array) -> Curve:
+    table = block.one.table
+    assert isinstance(table, CircleTable)  # noqa: S101 - blocks with a sampling are circles
+    phi = np.arange(GRID) * 360 / GRID
+    return Curve(table.test, table.direction, phi, 1e3 * curve(before), 1e3 * curve(after), reversals_of(block))
+
+
+def _map(block: Block, before: Array, after: Array) -> Map:
+    table = block.one.table
+    if isinstance(table, PoseTable):
+        sizes = [1e3 * np.linalg.norm(values.reshape(-1, 3), axis=1) for values in (before, after)]
+        none = np.full(len(sizes[0]), np.nan)
+        return Map("pose", np.arange(1.0, len(none) + 1), none, none, *sizes)
+    assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
+    hemisphere = block.model.rig.tests.hemisphere
+    assert hemisphere is not None  # noqa: S101 - its targets were checked when the run was read
+    polar, azimuth = (np.degrees(angles)[table.target - 1] for angles in target_angles(hemisphere))
+    return Map(test_of(table), table.target.astype(float), polar, azimuth, 1e3 * before, 1e3 * after)

@@ -1,0 +1,456 @@
+"""Responses: what effects add to the readings of blocks, in standard deviations of the noise and in µm."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from analysis.inference.blocks import Block, SimulatedBlock
+from analysis.inference.observation import GRID, ORDER_OF
+from analysis.inference.setups import columns_of, moved_setup, tool_shift
+from analysis.kinematics.arm import Array, Integers
+from analysis.model.predict import SetUp
+from analysis.model.scene import Scene
+from analysis.traces.tables import PoseTable
+from rigs.effects import Effect
+from rigs.schema.effect import PHASE, name_of
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What effects add to the whitened readings, as objects that can be recognised: what was computed from one is kept.
+
+_KEPT = 4
+"""Responses that are kept for each kind and name, at some 4 MB each with their products: about as many as the fits of
+one round begin from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What some terms add to the whitened readings: columns (N, k). Its products with other columns are kept for as
+    long as it is."""
+
+    columns: Array
+
+
+@dataclass(frozen=True, eq=False)
+class NearResponses:
+    """The latest responses of effects, of which each stands for those of all effects near its own: derivatives and
+    departures change little over a small part of a size."""
+
+    _kept: dict[tuple[str, str], list[tuple[Effect, Response]]] = field(default_factory=dict, init=False, repr=False)
+
+    def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
+        """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
+        units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
+        kept = self._kept.setdefault((kind, name_of(effect)), [])
+        found = next((one for one in kept if _is_near(one[0], effect, steps)), None)
+        if found is None:
+            found = (effect, Response(compute()))
+        else:
+            kept.remove(found)
+        kept.insert(0, found)
+        del kept[_KEPT:]
+        return found[1]
+
+
+def _is_near(one: Effect, other: Effect, steps: Mapping[str, float]) -> bool:
+    """Return whether two effects of one name differ by at most `steps` in each parameter."""
+    before, after = (dict[str, Any](effect) for effect in (one, other))
+    return all(
+        value == after[name] or (name in steps and _apart(name, value, after[name]) <= steps[name])
+        for name, value in before.items()
+        if name != "found"
+    )
+
+
+def _apart(name: str, one: float, other: float) -> float:
+    """Return the difference of two values of a parameter, of phases the smaller way round."""
+    apart = abs(one - other)
+    return min(apart % 360, -apart % 360) if name == PHASE else apart
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The linearisation: what effects add to the residuals of blocks, in standard deviations of the noise, either one by
+# one as columns or all together on the simulator.
+
+_INDISTINCT = {"ball": 0.05, "poses": 0.005}
+"""Singular value of a combination of terms of set-ups, as a share of the largest, below which it is not moved. A ball
+along the normal of its circle shows a thousandth of what it shows across, and a fiftieth where the circle is eccentric
+by 1 mm, so other errors would move it by millimetres; its other terms show a tenth, those of a hemisphere 0.29.
+Instrument and tool of poses show a hundredth where each axis turns by 0.3 rad either way."""
+_STEPS, _NEAR_MM = 6, 0.05
+"""Largest number of steps in which set-ups are fitted, and the length of a step after which no further one is taken:
+over 0.05 mm a circle of 70 mm radius bends by less than 0.02 µm. An arm whose length is 8 mm wrong moves the ball by as
+much, and the first step ends 0.5 mm beside the place."""
+_NEAR_BALL_MM = 0.3
+"""Length by which a ball may move from the place about which readings are linear. Over 0.3 mm a circle of 70 mm radius
+bends by less than 0.7 µm."""
+_BENT = 0.3
+"""Root mean square, in standard deviations of the noise, by which readings may bend over a move of instrument and
+target. Chosen: it adds a tenth to the variance of the noise."""
+_FAR_MM = 1.0
+"""Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks, in
+    standard deviations of the noise. `near` keeps what fits have computed of effects."""
+
+    blocks: tuple[Block, ...]
+    setups: dict[str, SetUp]
+    simulated: tuple[SimulatedBlock, ...]
+    near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
+
+    @cached_property
+    def y(self) -> Array:
+        """The residual (N,) with the known effects."""
+        return np.concatenate([block.white(block.y_mm) for block in self.blocks])
+
+    @property
+    def known(self) -> tuple[Effect, ...]:
+        """The effects beside those of the rig file that are part of the model."""
+        return self.simulated[0].known
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """The entries of each block."""
+        ends = np.cumsum([0, *(len(block.y_mm) for block in self.blocks)]).tolist()
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
+    @cached_property
+    def band(self) -> Integers:
+        """The number (N,) of the band of each entry."""
+        return np.concatenate([block.band for block in self.blocks])
+
+    @cached_property
+    def terms(self) -> dict[str, list[int]]:
+        """The columns of U that belong to each set-up."""
+        return columns_of({block.one.setup: block.one.table for block in self.blocks})
+
+    @cached_property
+    def U(self) -> Array:  # noqa: N802 - a matrix
+        """The change (N, s) for a mm of each set-up term."""
+        columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
+        for one, rows in zip(self.simulated, self.rows, strict=True):
+            columns[rows, self.terms[one.block.one.setup]] = one.by_setup
+        return columns
+
+    @cached_property
+    def Z(self) -> Array:  # noqa: N802 - a matrix
+        """The change (N, c) for one standard deviation of the scatter between runs."""
+        return self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
+
+    @cached_property
+    def stamps(self) -> Array:
+        """The change (N, s) for one standard deviation of the scatter of stamps, where readings change quickly."""
+        return self._side_by_side([block.white(block.stamps_mm) for block in self.blocks])
+
+    def _side_by_side(self, parts: Sequence[Array]) -> Array:
+        """Return columns (N, c) with the columns of each block in its own rows."""
+        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
+        columns = np.zeros((len(self.y), int(ends[-1])))
+        for part, rows, begin, end in zip(parts, self.rows, ends, ends[1:], strict=False):
+            columns[rows, begin:end] = part
+        return columns
+
+    @cached_property
+    def _best_moves(self) -> Array:
+        """The terms of the set-ups (s, N) mm that fit whitened readings best."""
+        found = np.zeros(self.U.T.shape)
+        poses = sorted(self.terms_of_poses)
+        balls = [terms for terms in self.terms.values() if not self.terms_of_poses.issuperset(terms)]
+        for terms in balls:
+            found[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT["ball"])
+        if poses:  # placements share the tool
+            found[poses] = np.linalg.pinv(self.U[:, poses], rcond=_INDISTINCT["poses"])
+        return found
+
+    @cached_property
+    def terms_of_poses(self) -> set[int]:
+        """The columns of U that belong to placements of poses."""
+        poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PoseTable)]
+        return {term for name in poses for term in self.terms[name]}
+
+    def is_straight(self, moves: Array) -> bool:
+        """Return whether readings hardly bend over moves of set-ups (s,) mm.
+
+        A ball is judged by its way; in the zeros of gauges readings are linear. An instrument and its target are
+        judged by the readings: where the last axis points in few directions both move far, and the readings hardly.
+        """
+        poses = self.terms_of_poses
+        balls = [term for terms in self.terms.values() for term in terms[:3] if term not in poses]
+        if balls and float(np.abs(moves[balls]).max()) >= _NEAR_BALL_MM:
+            return False
+        if not poses:
+            return True
+        own = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
+        scenes = self._scenes(())
+        there, here = (self._left((), scenes, self.setups_moved_by(one)) for one in (own, np.zeros_like(own)))
+        entries = sum(len(one.y_mm) for one in self.blocks if isinstance(one.one.table, PoseTable))
+        return bool(np.linalg.norm(there - here + self.U @ own) <= _BENT * np.sqrt(entries))
+
+    @cached_property
+    def _basis(self) -> Array:
+        """An orthonormal basis (N, s) of what set-ups could absorb."""
+        return basis_of(self.U)
+
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """Return what each effect adds to the whitened readings, (N, p)."""
+        if not effects:
+            return np.empty((len(self.y), 0))
+        return np.concatenate([one.columns(effects) for one in self.simulated])
+
+    def residual(self, effects: Sequence[Effect]) -> Array:
+        """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
+        together.
+
+        A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
+        the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
+        """
+        left, moves = self._fitted(effects)
+        return left + self.U @ moves
+
+    def moves_with(self, effects: Sequence[Effect]) -> Array:
+        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
+        Combinations of terms that hardly show go where the tool goes."""
+        return self._fitted(effects)[1]
+
+    def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Return the whitened residual (N,) where the set-ups fit best, and the terms of the set-ups (s,) mm there."""
+        scenes = self._scenes(effects)
+        starts = [self._moves_with_tool(scenes)]
+        if np.abs(starts[0]).max() > _FAR_MM:
+            # After a collision, and where runs are simulated, the ball stands where it stood.
+            starts.append(np.zeros_like(starts[0]))
+        fits = [self._fitted_from(start, effects, scenes) for start in starts]
+        return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+
+    def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
+        """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
+        left = self._left(effects, scenes, self.setups_moved_by(moves))
+        for _ in range(_STEPS):
+            step = self._best_moves @ left
+            if np.abs(step).max() < _NEAR_MM:
+                break
+            nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+            if nearer @ nearer >= left @ left:
+                break
+            moves, left = moves + step, nearer
+        return left, moves
+
+    def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
+        """Return the scene of each block up to the tool with `effects` in place of the known ones."""
+        return [one.scene_with(effects) for one in self.simulated]
+
+    def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
+        """Return the terms of the set-ups (s,) mm with each ball moved as far as the tool is moved in new scenes."""
+        moves, count = np.zeros(self.U.shape[1]), Counter(one.block.one.setup for one in self.simulated)
+        for one, scene in zip(self.simulated, scenes, strict=True):
+            seen = one.block.one
+            if not isinstance(seen.table, PoseTable):
+                moves[self.terms[seen.setup][:3]] += tool_shift(seen, one.scene, scene) / count[seen.setup]
+        return moves
+
+    def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
+        """Return what `effects`, in place of the known ones, add to the entries (N,) mm of each block, in given set-ups
+        or, without these, with each ball moved as far as the tool."""
+        scenes = self._scenes(effects)
+        return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
+
+    def _responses(
+        self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]
+    ) -> list[Array]:
+        """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
+        both = zip(self.simulated, scenes, strict=True)
+        return [one.entries(one.read(effects, scene, setups[one.block.one.setup]) - one.base) for one, scene in both]
+
+    def _left(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
+        """Return the whitened residual (N,) with `effects` in given set-ups."""
+        added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
+        left: Array = self.y - np.concatenate([block.white(one) for block, one in added])
+        return left
+
+    def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
+        """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
+        and without noise; y is (N,)."""
+        blocks = [replace(block, y_mm=added) for block, added in zip(self.blocks, self.responses(effects), strict=True)]
+        return replace(self, blocks=tuple(blocks))
+
+    def without_set_up(self, values: Array) -> Array:
+        """Return whitened values (N, …) with the part removed that set-ups could absorb."""
+        fitted: Array = values - self._basis @ (self._basis.T @ values)
+        return fitted
+
+    def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
+        """Return the set-ups with their terms moved by (s,) mm."""
+        tables = {block.one.setup: block.one.table for block in self.blocks}
+        return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
+
+    def in_mm(self, left: Array) -> list[Array]:
+        """Return whitened values (N,) as the entries of each block in mm."""
+        return [left[rows] * block.sd_mm for rows, block in zip(self.rows, self.blocks, strict=True)]
+
+    def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
+        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of
+        each block's path."""
+        return np.concatenate([one.by_joint(axis, off(one.block)) for one in self.simulated])
+
+    def late(self, effect: Effect) -> Array:
+        """Return the change (N, c) of the whitened readings if the errors of joints that an effect makes come as much
+        later as each of c effects of the stamps has everything, at its healthy size."""
+        return np.concatenate([one.late(effect) for one in self.simulated])
+
+    def scattered(self, effect: Effect) -> Array:
+        """Return the change (N, 1) of the whitened readings if the errors of joints that an effect makes are on average
+        those of stamps that scatter."""
+        return np.concatenate([one.scattered(effect) for one in self.simulated])
+
+    def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
+        """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
+        the samples of each circle's path, and zero for other tests."""
+        parts = []
+        for one in self.simulated:
+            each = np.array(shares) if one.block.sampling else np.zeros(one.base.shape[1])
+            parts.append(one.whitened(each[:, None] * one.at_readings(off(one.block))[:, None]))
+        return np.concatenate(parts)
+
+    def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
+        """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one
+        block's path."""
+        off = np.zeros((len(self.blocks[k].one.path.q), 1))
+        off[sample] = np.radians(angle_deg)
+        whole = np.zeros(len(self.y))
+        whole[self.rows[k]] = self.simulated[k].by_joint(axis, off)[:, 0]
+        return whole
+
+
+def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> Linearisation:
+    """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
+    contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
+    simulated = [SimulatedBlock(block, tuple(known), setups[block.one.setup]) for block in blocks]
+    return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
+
+
+def basis_of(columns: Array) -> Array:
+    """Return an orthonormal basis (N, r) of columns (N, s), of which those equal to zero are ignored."""
+    basis, _ = np.linalg.qr(columns[:, np.linalg.norm(columns, axis=0) > 0])
+    return np.asarray(basis, dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The worth of a name in µm: the change of the readings that it causes beyond what a set-up could absorb.
+
+LEAST_MATERIAL_UM = 3.0
+"""Smallest change that is material anywhere, which is the resolution of the best gauges of such a link."""
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Root mean square in µm, by block (b,), of a change of the readings."""
+
+    um: Array
+
+    @property
+    def whole_um(self) -> float:
+        """The root mean square over all blocks, each with the same weight."""
+        return float(np.sqrt(np.mean(self.um**2)))
+
+    def is_material(self, limits_um: Array) -> bool:
+        """Return whether the readings of any block change by more than its limit (b,) µm."""
+        return bool((self.um > limits_um).any())
+
+
+def worth(linear: Linearisation, change: Array) -> Worth:
+    """Return the worth of a change (N,) of whitened readings, with set-ups fitted to it."""
+    return plain_worth(linear, linear.without_set_up(change))
+
+
+def plain_worth(linear: Linearisation, change: Array) -> Worth:
+    """Return the worth of a change (N,) of whitened readings, without fitting set-ups."""
+    return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
+
+
+def limits_um(
+    linear: Linearisation, tolerance_um: float | None, own_um: Mapping[str, float] = MappingProxyType({})
+) -> Array:
+    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
+    without `own_um`, the part that the name makes in each set-up.
+
+    Few repeats show the scatter of one run within a fifth or worse, so the limit is computed from its mean square less
+    the standard uncertainty of that. A single difference of two runs shows no uncertainty.
+    """
+    if tolerance_um is not None:
+        return np.full(len(linear.blocks), tolerance_um)
+    own = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
+    squares, relative = _scatter_squares(linear, _steady)
+    least = np.maximum((squares - own**2) * (1 - relative), LEAST_MATERIAL_UM**2)
+    return np.asarray(np.sqrt(least), dtype=float)
+
+
+def scatter_um(linear: Linearisation) -> Array:
+    """Return the rms difference (b,) µm of one run from the mean of many; at targets that of a median target, because a
+    few scatter many times as much. What stamps add where readings change quickly is not counted.
+
+    Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
+    """
+    return np.asarray(np.sqrt(_scatter_squares(linear, _steady)[0]), dtype=float)
+
+
+def noise_um(linear: Linearisation) -> Array:
+    """Return the same rms difference (b,) µm with what stamps added to repeated circles."""
+    return np.asarray(np.sqrt(_scatter_squares(linear, lambda block: block.apart_mm)[0]), dtype=float)
+
+
+def _steady(block: Block) -> Array:
+    """Return the deviations (n, N) mm of repeated runs without those that stamps make."""
+    return block.steady_mm
+
+
+def _scatter_squares(linear: Linearisation, deviations: Callable[[Block], Array]) -> tuple[Array, Array]:
+    """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
+    uncertainty (b,), which is zero where repeats do not show it."""
+    found, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
+    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations(block).any()]
+    for setup in {linear.blocks[k].one.setup for k in repeated}:
+        own = [k for k in repeated if linear.blocks[k].one.setup == setup]
+        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in own])
+        found[own] = shown.mean()
+        if len(shown) > 1:
+            relative[own] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
+    return found, relative
+
+
+def _shown_squares(block: Block, apart_mm: Array) -> Array:
+    """Return the mean squares (n - 1,) µm² of the independent differences of n repeated runs, given their deviations
+    (n, N) mm from their mean."""
+    contrasts = np.linalg.svd(np.ones((1, len(apart_mm))))[2][1:]
+    return np.array([rms_um(block, one) ** 2 for one in contrasts @ apart_mm])
+
+
+def _expected_scatter_um(linear: Linearisation) -> Array:
+    """Return the rms difference (b,) µm of a run from the mean of many that noise and scatter make, with the set-up
+    fitted to it."""
+    moved = linear.without_set_up(linear.Z)
+    whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
+    return np.array([
+        rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
+        for block, one in zip(linear.blocks, whole, strict=True)
+    ])  # fmt: skip
+
+
+def rms_um(block: Block, entries_mm: Array) -> float:
+    """Return the root mean square in µm of a block's entries (N,) mm: per reading of a gauge, and per distance of
+    poses."""
+    if block.sampling:
+        energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
+    else:
+        energy = float((entries_mm**2).sum())
+        count = len(entries_mm) // (3 if isinstance(block.one.table, PoseTable) else 1)
+    return 1e3 * float(np.sqrt(energy / count))

@@ -1,0 +1,469 @@
+"""The result of a diagnosis, as values: the answer and its budget, and everything else that a person reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from analysis.frames import Tabular, for_json, table_of_rows
+from analysis.kinematics.arm import Array
+from analysis.measures.parameters import parameters_of
+from analysis.model.predict import SetUp
+from rigs.calibration import CalibratedModel
+from rigs.effects import Effect
+from rigs.rig import Rig
+from rigs.schema.effect import SEATS, PartKind, name_of
+from rigs.schema.limits import Standing
+from rigs.schema.vocabulary import Direction, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
+#
+# Words are made of them at the edge, for a screen, a page or another language; nothing decides by comparing words.
+
+Condition = Literal[
+    "named", "ambiguous", "outside_library", "undecided", "uncalibrated", "nothing_unusual", "not_testable_here"
+]
+"""Whether something is worn, loose or shifted: effects are named; they are, but a rival may be meant; what explains the
+readings is in no library; the runs are too few to decide it; many usual errors that a calibration was shown to remove;
+nothing unusual; or the runs cannot show it."""
+Rank = Literal["unusual", "usual", "undecided"]
+"""Whether an effect is larger than healthy arms, and this arm elsewhere, show."""
+Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
+"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; a
+healthy arm may show it by chance; a rival is likelier; it makes held-out runs worse; what it does is not known to half
+of itself; set-ups show different shares of it; it is one of more waves than a joint has; or the model explains the runs
+no better with it."""
+JudgedOn = Literal["unseen", "held_out", "used"]
+"""Where a figure was found: at another place, on held-out runs, or on the runs used."""
+
+
+@dataclass(frozen=True)
+class BudgetPart:
+    """A part of the gap. `kind` is `effect` for a fitted effect, `scatter` for what differs from run to run,
+    `unexplained`, or the kind of what many small terms make together; `axis` is their joint where they have one.
+
+    `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
+    change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
+    half, so that parts that cancel each other have negative shares. `times_usual` is how many times as much it does as
+    a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt` are those of a fitted
+    effect, and `name` its name.
+    """
+
+    kind: PartKind | Literal["effect", "scatter", "unexplained"]
+    um: float
+    u_um: float
+    share: float
+    axis: int | None = None
+    name: str = ""
+    times_usual: float | None = None
+    rank: Rank | None = None
+    odds: float | None = None
+    held_out_gain: float | None = None
+    doubt: Doubt | None = None
+    index: int | None = None
+    """The index of the fitted effect among the effects of the diagnosis."""
+
+    @property
+    def sigma(self) -> float:
+        """How many standard uncertainties it is away from nothing."""
+        return self.um / self.u_um if self.u_um > 0 else float("inf")
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return {**asdict(self), "class": self.rank}
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """The error of the arm now and after calibration, in µm of the readings.
+
+    `standing` judges the error now against the limits of the rig file, a tolerance or the data sheet (`limit`), and is
+    None where there is none. `now_um` and `now_largest_um` are of the runs used. `calibrated_um` is what the calibrated
+    model left at the `place`: at places or runs that had no part in it, where there are any.
+    """
+
+    standing: Standing | None
+    limit: Literal["tolerance", "rig_file", "data_sheet"] | None
+    now_um: float
+    now_largest_um: float
+    calibrated_um: float
+    before_there_um: float
+    place: JudgedOn
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return {**asdict(self), "standing": self.standing or "not_judged"}
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The result of a diagnosis, in the order in which a person reads it.
+#
+# where model and measurement disagree → which effect is missing → what the model says with it → what remains → what
+# these tests cannot distinguish → what to do → which test to run next
+
+_DIFFERS, _SURE = 0.5, 3.0
+"""Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
+they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+ODDS = 20.0
+"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where measurement and simulation disagree by more than the noise.
+
+    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
+    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
+    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
+    the noise.
+    """
+
+    test: TestName
+    direction: Direction | None
+    part: Literal["distance", "angle"]
+    from_deg: float
+    to_deg: float
+    joint: int | None
+    why: str
+    rms_um: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """The size of a name in one set-up alone as a share of its fitted size, and its standard uncertainty."""
+
+    setup: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that could replace a name, with the standard uncertainties of its parameters and its share of the
+    evidence."""
+
+    effect: Effect
+    sd: dict[str, float]
+    posterior: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types: kind and seats of the effect, its parameters with their standard uncertainties."""
+        return _of_effect(self.effect, self.sd, self.posterior)
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the model lacks, with its fitted parameters, their standard uncertainties, its share of the
+    evidence among its rivals, the gap on the runs used if it alone is removed, and the remedy.
+
+    `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb, `u_um` its standard
+    uncertainty, and `alone_um` the gap on the runs used if it alone is added to the model. `times_usual` is how many
+    times as much it does as a healthy arm shows. `doubt` says why the diagnosis does not stand by it, None where it
+    does. `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run
+    shows it beyond the scatter of one run. `shares` states how much of it each set-up shows, and `twins` lists effects
+    that nothing distinguishes from it: only what they make up together is known.
+    """
+
+    effect: Effect
+    sd: dict[str, float]
+    posterior: float
+    rivals: tuple[Rival, ...]
+    gap_without_um: float
+    remedy: str
+    worth_um: float
+    held_out_gain: float | None
+    doubt: Doubt | None = None
+    shares: tuple[Share, ...] = ()
+    u_um: float = 0.0
+    times_usual: float = 0.0
+    alone_um: float = math.nan
+    twins: tuple[Effect, ...] = ()
+
+    @property
+    def stands(self) -> bool:
+        """Whether the diagnosis stands by it: it is a fault."""
+        return self.doubt is None
+
+    @property
+    def is_term(self) -> bool:
+        """Whether it is one of so many waves of a joint that they are the series of an error of another form."""
+        return self.doubt == "series"
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether it imitates something else: two set-ups show clearly different shares of it, or it is one of a series
+        of waves."""
+        if self.is_term or not self.shares:
+            return self.is_term
+        least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
+        return most.value - least.value > max(_DIFFERS, _SURE * math.hypot(least.sd, most.sd))
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, rivals with it."""
+        return {
+            **_of_effect(self.effect, self.sd, self.posterior),
+            "rivals": [rival.to_dict() for rival in self.rivals],
+            "worth_um": self.worth_um,
+            "u_um": self.u_um,
+            "times_usual": self.times_usual,
+            "stands": self.stands,
+            "doubt": self.doubt,
+            "alone_um": self.alone_um,
+            "twins": [name_of(one) for one in self.twins],
+            "held_out_gain": self.held_out_gain,
+            "contradicted": self.contradicted,
+            "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
+            "gap_without_um": self.gap_without_um,
+            "remedy": self.remedy,
+        }
+
+
+def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
+    """An effect in plain types, its parameters beside their standard uncertainties sd, each in its own unit."""
+    return {
+        "effect": effect.effect,
+        **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
+        "name": name_of(effect),
+        "parameters": {field: {"value": value, "sd": sd.get(field)} for field, value in parameters_of(effect).items()},
+        "posterior": posterior,
+    }
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What remains beyond the noise after the names and a healthy arm's share of every effect, with what contradicted
+    names explain: its rms in µm, at most the gap, its share of the gap's energy, in which every test has the same
+    weight, and where and how it shows, in words. `healthy_um` is the rms of the healthy share."""
+
+    um: float
+    share: float
+    words: str
+    healthy_um: float
+
+
+@dataclass(frozen=True)
+class TestGap:
+    """What one test shows of the gap, in µm: root mean square and largest residual, before and with the calibrated
+    model."""
+
+    test: TestName
+    before_um: float
+    before_largest_um: float
+    calibrated_um: float
+    calibrated_largest_um: float
+
+    def to_dict(self) -> dict[str, float]:
+        """In plain types, without the test, in µm."""
+        return {key: value for key, value in asdict(self).items() if key != "test"}
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square in µm of the residual, before and after the effects are added to the model.
+
+    Runs with the placement of a run used keep its set-up (`keeps_setup`); others have their own, fitted to them.
+    `noise_floor_um` is the rms of the noise and of the scatter between runs, of which a fitted set-up may absorb a
+    part. `calibrated_um` is the rms with the calibrated model, which contains everything that the runs used determine.
+    """
+
+    runs: tuple[str, ...]
+    before_um: float
+    after_um: float
+    noise_floor_um: float
+    calibrated_um: float
+    tests: tuple[TestGap, ...] = ()
+    keeps_setup: bool = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, the keys without their unit, which is µm."""
+        return {
+            "before": self.before_um,
+            "after": self.after_um,
+            "calibrated": self.calibrated_um,
+            "noise_floor": self.noise_floor_um,
+            "set_up": "kept" if self.keeps_setup else "fitted",
+            "tests": {
+                one.test: {key: value for key, value in asdict(one).items() if key != "test"} for one in self.tests
+            },
+            "runs": self.runs,
+        }
+
+
+@dataclass(frozen=True)
+class ResidualBand:
+    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
+    expectation from noise, and a description."""
+
+    test: TestName
+    direction: Direction | None
+    part: Literal["distance", "angle", "targets"]
+    orders: tuple[int, int] | None
+    ratio: float
+    words: str
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """The test that would distinguish the rivals best, and the sigma to expect."""
+
+    test: str
+    why: str
+    expected_sigma: float
+
+
+@dataclass(frozen=True)
+class Curve(Tabular):
+    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
+    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
+
+    test: TestName
+    direction: Direction
+    phi_deg: Array
+    before_um: Array
+    after_um: Array
+    turns: tuple[tuple[float, int], ...]
+
+    def to_table(self) -> pa.Table:
+        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
+        both = {"before": self.before_um, "after": self.after_um}
+        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
+        return pa.table({"phi_deg": self.phi_deg} | gauges)
+
+
+@dataclass(frozen=True)
+class Map(Tabular):
+    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
+    residual is the remaining distance (n,), and the numbers are those of rows."""
+
+    test: TestName
+    target: Array
+    polar_deg: Array
+    azimuth_deg: Array
+    before_um: Array
+    after_um: Array
+
+    def to_table(self) -> pa.Table:
+        """A row for each reading, one column for each field but the test."""
+        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
+
+
+@dataclass(frozen=True)
+class Diagnosis(Tabular):
+    """The complete result.
+
+    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
+    evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
+    `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
+    model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
+    tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether
+    the noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists
+    what limits the trust in the result.
+    """
+
+    condition: Condition
+    accuracy: Accuracy
+    budget: tuple[BudgetPart, ...]
+    runs_to_decide: int | None
+    rig: Rig
+    runs: tuple[str, ...]
+    where: tuple[Place, ...]
+    effects: tuple[Named, ...]
+    remainder: Remainder
+    train: Gap
+    held_out: Gap | None
+    unseen: Gap | None
+    left: tuple[ResidualBand, ...]
+    setups: dict[str, SetUp]
+    groups: tuple[tuple[str, ...], ...]
+    not_testable: tuple[str, ...]
+    next_test: NextTest | None
+    repeated: bool
+    level: float
+    doubts: tuple[str, ...]
+    curves: tuple[Curve, ...]
+    maps: tuple[Map, ...]
+    seconds: float
+    calibrated: CalibratedModel | None = None
+    given: bool = False
+
+    @property
+    def written(self) -> tuple[Named, ...]:
+        """The effects that go into a rig file: the faults, and all effects where they were given to be fitted."""
+        return self.effects if self.given else self.standing
+
+    @property
+    def standing(self) -> tuple[Named, ...]:
+        """The effects that the diagnosis stands by: the faults."""
+        return tuple(one for one in self.effects if one.stands)
+
+    @property
+    def slight(self) -> tuple[Named, ...]:
+        """Those that it found beside them, too small or too doubtful to matter."""
+        return tuple(one for one in self.effects if not one.stands and not one.contradicted)
+
+    @property
+    def contradicted(self) -> tuple[Named, ...]:
+        """Those that imitate something else."""
+        return tuple(one for one in self.effects if one.contradicted)
+
+    @property
+    def extended_rig(self) -> Rig:
+        """The rig begun with, the effects added that the diagnosis stands by; of rivals the likeliest."""
+        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.written))})
+
+    def to_table(self) -> pa.Table:
+        """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
+        rows = [
+            one | of_field | {"parameter": field}
+            for one in self.to_dict()["effects"]
+            for field, of_field in one["parameters"].items()
+        ]
+        return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it in plain types, with the keys of docs/diagnosis.md: what `rig diagnose --json` prints.
+
+        Angles in degrees, gaps in µm, each parameter in the unit of its name, None for what is not known.
+        """
+        outside = {"held_out": self.held_out, "unseen_place": self.unseen}
+        gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        plain: dict[str, Any] = for_json(
+            {
+                "condition": self.condition,
+                "accuracy": self.accuracy.to_dict(),
+                "budget": [one.to_dict() for one in self.budget],
+                "runs_to_decide": self.runs_to_decide,
+                "rig": self.rig.name,
+                "runs": self.runs,
+                "effects": [one.to_dict() for one in self.effects],
+                "remainder": asdict(self.remainder),
+                "where": [_of_place(place) for place in self.where],
+                "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
+                "left": [asdict(one) for one in self.left],
+                "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
+                "groups": self.groups,
+                "not_testable": self.not_testable,
+                "next_test": asdict(self.next_test) if self.next_test else None,
+                "repeats_measured": self.repeated,
+                "level": self.level,
+                "doubts": self.doubts,
+                "seconds": self.seconds,
+            }
+        )
+        return plain
+
+
+def _of_place(place: Place) -> dict[str, Any]:
+    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
+
+
+def _of_setup(name: str, setup: SetUp) -> dict[str, Array]:
+    poses = name.startswith("pose")
+    fields = ("T_instrument_world", "T_tool_target") if poses else ("ball", "zeros_mm")
+    return {"ball_mm" if field == "ball" else field: getattr(setup, field) for field in fields}

@@ -1,0 +1,442 @@
+"""The state of a selection: fitted effects, noise and levels beside them, and how both are fitted in turn."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from analysis.inference.background import Background, FittedFreeForm, Posterior
+from analysis.inference.blocks import recent
+from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, column_shares_beside, order_of
+from analysis.inference.joint_curves import JointCurves
+from analysis.inference.noise import LEAST_ASSUMED
+from analysis.inference.refine import Refined
+from analysis.inference.responses import Linearisation
+from analysis.kinematics.arm import Array, Mask
+from rigs.effects import Effect, healthy_size, size_field
+from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The state of a selection: the fitted effects, and the noise and healthy level of everything else.
+
+FAULT = 5.0
+"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
+lower in an arm with a level below 1."""
+DRIVEN_WAVES = 2.0
+"""Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
+_NEAR_ORDER = 1.15
+"""Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
+slow joint."""
+_SAME_ORDER = 0.5
+"""Difference of the orders of one gear below which they are one wave. Chosen: most orders are whole, as numbers of
+teeth are."""
+_MOST_WAVES = 6
+"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
+of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
+
+
+@dataclass(frozen=True)
+class SelectionState:
+    """One state.
+
+    `refined` has the fitted effects and `origins` the indices of the forms from which they come, -1 for none. `level`
+    is that of the background and `most` its upper limit. `strength` (b,) is the variance of the residual in each band
+    over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that did not
+    cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a name
+    replaced. `curves` is how large the curves of joints are, where poses alone show them, and None elsewhere.
+    """
+
+    refined: Refined
+    origins: tuple[int, ...]
+    level: float
+    strength: Array
+    robust: Array
+    refused: frozenset[int] = frozenset()
+    most: float = 1.0
+    curves: JointCurves | None = None
+    free_forms: tuple[FittedFreeForm, ...] = ()
+    replaced_forms: frozenset[str] = frozenset()
+
+    def is_fault(self, place: int) -> bool:
+        """Whether an effect is larger than healthy arms, and arms of this level, show."""
+        return bool(self.faults_among([self.refined.effects[place]]))
+
+    def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that are larger than healthy arms, and arms of this level, show."""
+        return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
+
+
+def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
+    """Return the effect that the columns of `effects` form with coefficients size (q,) in healthy sizes."""
+    effect = effects[0]
+    field_name, healthy = size_field(effect), healthy_size(effect)
+    if len(size) == 2:
+        phase = float(np.degrees(np.arctan2(size[1], size[0])))
+        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
+    return effect.model_copy(update={field_name: float(size[0]) * healthy})
+
+
+def is_same(form: Form, effect: Effect) -> bool:
+    """Return whether a form is another form of the effect's name; waves of other orders are not."""
+    return is_alike(form.effects[0], effect)
+
+
+def is_alike(one: Effect, effect: Effect) -> bool:
+    """Return whether two effects have the same name, with any size and shape; waves of other orders do not."""
+    if name_of(one) != name_of(effect):
+        return False
+    order, other = order_of(one), order_of(effect)
+    return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
+
+
+def is_one(one: Effect, other: Effect) -> bool:
+    """Return whether two effects, of any size and shape, are one: of the same name and, for waves, the same order."""
+    apart = abs(order_of(one) - order_of(other))
+    return name_of(one) == name_of(other) and not apart >= _SAME_ORDER
+
+
+def is_twice(effects: Sequence[Effect]) -> bool:
+    """Return whether the last of some effects is the wave of one before it: of the same name and order."""
+    *others, last = effects
+    return any(is_one(one, last) for one in others if np.isfinite(order_of(one)))
+
+
+def series_among(effects: Sequence[Effect]) -> frozenset[str]:
+    """Return the names of which some effects have so many waves that these are no gears, but the series of an error of
+    another form."""
+    waves = Counter(name_of(one) for one in effects if is_wave(one) and one.STAGE == "joint")
+    return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The backgrounds of selection states, of which the most recent are kept.
+
+_KEPT = 12
+"""Number of backgrounds that are cached, at some 20 MB each with what they have weighed (1000 columns and 150 terms of
+4600 entries): about as many as one round of a search returns to."""
+_GRAMS = 4
+"""Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
+
+
+@dataclass(frozen=True)
+class Backgrounds:
+    """The backgrounds of states about some columns. States that differ only in the fitted sizes and shapes of the same
+    names share one; those that differ only in names and level share the weighted products of the columns."""
+
+    columns: Columns
+    _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
+    _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
+    _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
+
+    def of(self, state: SelectionState) -> Background:
+        """Return the background of everything that is not fitted as an effect in a state."""
+        columns = self.columns
+        variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
+        for effect in state.refined.effects:
+            share = self._shares_beside(effect)
+            variance, mean = share * variance, share * mean
+        weight = state.robust / state.strength[columns.band]
+        seen = weight.tobytes()
+        gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
+        key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
+
+    def _shares_beside(self, effect: Effect) -> Array:
+        """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""
+        key = (name_of(effect), str(order_of(effect)))
+        if key not in self._shares:
+            self._shares[key] = column_shares_beside(self.columns.forms, effect, len(self.columns.healthy))
+        return self._shares[key]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The hyperparameters of a state: the healthy level of the arm, the strength of the residual in each band, and the
+# robust weights.
+
+_BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
+"""Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
+targets have the higher price, because their noise has heavy tails."""
+_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
+"""
+MOST_LEVEL = 8.0
+"""Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
+instead."""
+LEAST_LEVEL = 0.003
+"""Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
+_LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
+"""Levels of a background that are tried; consecutive ones differ by a tenth."""
+_LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
+"""Estimates of the level in a row, most, and the logarithm of their ratio at which they agree. An estimate moves a
+third of the way, so twelve rounds lead from a healthy arm to one that is a hundred times quieter."""
+_LEVEL_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
+level. Chosen."""
+_LEVEL_SPREAD = 1.4
+"""Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
+Chosen."""
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """The hyperparameters of one linearisation, with N entries in b bands."""
+
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _least(self) -> Array:
+        """The smallest strength (b,) of each band."""
+        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
+        return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+
+    @cached_property
+    def _targets(self) -> Mask:
+        """Whether each entry (N,) is at a target."""
+        return np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
+
+    @cached_property
+    def _band_price(self) -> Array:
+        """The log evidence (b,) that the strength of each band must gain."""
+        return np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+
+    def level(self, state: SelectionState, posterior: Posterior) -> float:
+        """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in
+        an arm at level one.
+
+        A name counts once however many forms it has, because a gear shows only a few of its orders; a fault has little
+        weight. What is only expected, and not shown, does not count.
+        """
+        columns, background = self.columns, posterior.background
+        leveled = (columns.healthy > 0) & (background.variance > 0)
+        if state.curves is not None:
+            leveled[columns.curves.columns] = False  # curves have widths of their own
+        cols = np.flatnonzero(leveled)
+        freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
+        names, count = columns.name_of_column[cols], len(columns.among)
+        # Of the coefficients, the prior means alone make this much; readings show the rest.
+        unseen = posterior.covariance_times(background.pull)
+        shown = (posterior.mean - unseen)[cols]
+        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
+        squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
+        seen = np.asarray(np.bincount(names, expected, count), dtype=float)
+        for k, name in enumerate(columns.among):
+            if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+                squares[k] += np.sum(np.square(own))
+                seen[k] = 1.0
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
+        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
+        return float(min(_LEVELS[np.argmax(likely)], state.most))
+
+    def robust(self, posterior: Posterior) -> Array:
+        """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
+        weight, targets = np.ones(len(self._targets)), self._targets
+        if targets.any():
+            left = posterior.residual[targets]
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
+        return weight
+
+    def strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
+        price. Assumed noise, which is wide, may also be reduced."""
+        energy, spent = self._energy(state, posterior)
+        free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
+        ratio: Array = np.maximum(energy / free, 1e-9)
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+
+    def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
+        maximisation: Dempster, Laird and Rubin 1977)."""
+        energy, spent = self._energy(state, posterior)
+        nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
+        return nearer
+
+    def update(
+        self,
+        state: SelectionState,
+        posterior: Posterior,
+        evidence: Callable[[SelectionState], float],
+        posterior_of: Callable[[SelectionState], Posterior],
+    ) -> SelectionState:
+        """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
+
+        Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far;
+        then a shorter step is tried, and where that does not help either, they do not change.
+        """
+        whole, robust = evidence(state), self.robust(posterior)
+        for estimate in (self.strength, self.nearer_strength):
+            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+            if evidence(tried) > whole:
+                state = tried
+                break
+        for _ in range(_LEVEL_ROUNDS):
+            level = self.level(state, posterior)
+            if abs(np.log(level / state.level)) < _SAME_LEVEL:
+                break
+            tried = replace(state, level=level)
+            # Effects that are not named yet look like an arm that shows more of everything.
+            if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
+                break
+            state, posterior = tried, posterior_of(tried)
+        return state
+
+    def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+        """Return, for each band (b,) and in variances of the noise, the robust energy of the residual and the energy
+        that the uncertainty of the coefficients may hide."""
+        columns = self.columns
+        raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
+        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
+        return energy, posterior.spent
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Settling: the effects and the noise of a state fitted in turn, until its evidence hardly rises.
+#
+# Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large; the
+# residual then supports wrong names. So after such an effect the fits start twice, from these strengths and, where
+# they differ, from those of the noise alone.
+
+_ROUNDS = 6
+"""Largest number of fits after an update of the noise. Chosen: most states need three."""
+_ENOUGH = 5.0
+"""Log evidence that a round must gain for the next one. Chosen: odds of 150 to 1."""
+_Change = Callable[[SelectionState], SelectionState]
+
+
+def beginnings(state: SelectionState) -> list[SelectionState]:
+    """Return a state, and the same with the strengths (b,) of the noise alone, if they differ."""
+    return [state, replace(state, strength=np.ones_like(state.strength))] if (state.strength != 1).any() else [state]
+
+
+def settled(
+    begins: Sequence[SelectionState],
+    fitted: _Change,
+    with_noise: _Change,
+    evidence: Callable[[SelectionState], float],
+    least: float = -np.inf,
+) -> SelectionState:
+    """Return the likeliest of the states reached from some states.
+
+    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
+    early where gains fall, and the rounds left, each with the gain of the last one, would not reach the log evidence
+    `least`.
+    """
+    found = []
+    for begin in begins:
+        now, gain = fitted(begin), np.inf
+        for left in reversed(range(_ROUNDS)):
+            best, now, before = now, fitted(with_noise(now)), gain
+            gain = evidence(now) - evidence(best)
+            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + left * gain < least):
+                break
+        found += [best, now]
+    return max(found, key=evidence)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The effects with which the fit of a form starts on the simulator.
+#
+# The response to a play or a wave is not linear in its width or order, so a fit from afar ends in a local minimum,
+# whose residual supports wrong names. Therefore widths and orders are scanned first.
+
+_BETWEEN = np.linspace(-0.6, 0.6, 9)
+"""Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
+half of the distance to either side."""
+_PARTS = 3
+"""Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
+joint's range the phases of neighbours differ by 48 degrees then."""
+_WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
+"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
+that start within 20 % of the width reached it. Below half a healthy size the response is nearly proportional to the
+width, and they differ by a factor of two."""
+
+
+def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
+    """Return the effects from which the fit of a form to the readings (N,) starts.
+
+    A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
+    other effect but a play has the size that it would have as a fault.
+    """
+    effect = form.effects[0]
+    if is_play(effect):
+        return _plays(columns, linear, posterior, effect)
+    if hasattr(effect, "order"):
+        near = _wave(linear, columns, posterior, form)
+        if np.linalg.norm(posterior.size(form)) <= FAULT:
+            return [near]
+        return [near, _large_wave(linear, columns, posterior, form)]
+    return [combined_effect(form.effects, posterior.size(form))]
+
+
+def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect: Effect) -> list[Effect]:
+    """Return plays of two widths: the one that is most likely beside everything else, in each shape, and the one that
+    leaves least (N,) with the set-ups alone. A play of about healthy size has the two likeliest shapes, each in its
+    likeliest width.
+
+    The strengths of the residual were estimated without the play and would hide it, so the first is the most likely one
+    whatever the strength of each band is. Where everything else has taken up the play already, the second is nearer.
+    """
+    expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
+    tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
+    shapes = [healthy(shape) for shape in (expected, *tried)]
+    # The background expects some of this play, which the tried one replaces.
+    own = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
+    at_mean = columns.X[:, own] @ posterior.background.mean[own]
+    cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
+    for k, shape in reversed(list(enumerate(shapes))):
+        added = _in_each_width(linear, shape) - at_mean[:, None]
+        left = posterior.residual[:, None] - posterior.left_of(added)
+        cost[k] = columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows])
+        energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+    beside, alone = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    if max(beside, alone) <= FAULT:
+        likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
+        return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
+    return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
+
+
+def _in_each_width(linear: Linearisation, shape: Effect) -> Array:
+    """Return what a play of one shape adds in each of the widths (N, w), the same however often it is tried."""
+    every = [scaled(shape, float(width)) for width in _WIDTHS]
+    return linear.near.of("every width", shape, {}, lambda: linear.columns(every)).columns
+
+
+def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
+    effect: Any = form.effects[0]
+    near = [abs(order_of(one.effects[0]) - effect.order) for one in columns.forms if one.name == form.name]
+    tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
+    tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
+    effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+    precision, eta = posterior.cavity(linear.columns(effects) / form.size)
+    return _best_of_pairs(effects, precision, eta)
+
+
+def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
+    """Return the wave that leaves least (N,) with the set-ups alone, of any order between those of the forms.
+
+    A joint is mostly near the ends of its range, so that a wave looks most like those whose phases agree at both ends,
+    and least like its neighbours among the forms.
+    """
+    orders = sorted({order_of(one.effects[0]) for one in columns.forms if one.name == form.name})
+    places = np.arange(_PARTS * (len(orders) - 1) + 1) / _PARTS
+    tried = np.interp(places, np.arange(len(orders)), orders)
+    effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+    added = linear.without_set_up(linear.columns(effects) / form.size)
+    return _best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained)
+
+
+def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
+    """Return the wave that explains most, of pairs of effects that differ in phase, given the precision (2 n, 2 n) and
+    the vector eta (2 n,) of their sizes."""
+    pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
+    sizes = [np.linalg.solve(precision[own, own] + np.eye(2) / LARGEST_FAULT**2, eta[own]) for own in pairs]
+    best = int(np.argmax([size @ eta[own] for size, own in zip(sizes, pairs, strict=True)]))
+    return combined_effect(effects[pairs[best]], np.asarray(sizes[best], dtype=float))

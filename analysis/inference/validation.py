@@ -1,0 +1,366 @@
+"""Validation: what a frozen model leaves of runs used and left out, and the model that is handed over."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+
+from analysis.inference.background import Posterior, background_effects, background_terms
+from analysis.inference.blocks import Block, blocks_of, entries, targets_key
+from analysis.inference.observation import ObservedRun, residuals_of, rms
+from analysis.inference.refine import Unknown, slopes_of
+from analysis.inference.responses import Linearisation, basis_of, limits_um, linearise, noise_um, rms_um
+from analysis.inference.result import Gap, TestGap
+from analysis.inference.search import SearchResult
+from analysis.inference.setups import fit_run_setups, with_effects
+from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable, test_of
+from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.effects import Effect
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place.
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The models that are held against runs, one after the other: without what was found, with the names, and
+    calibrated; each with its effects and the set-ups that fit the runs used."""
+
+    effects: tuple[tuple[Effect, ...], ...]
+    setups: tuple[dict[str, SetUp], ...]
+
+    @property
+    def has_background(self) -> bool:
+        """Whether the calibrated model has more than the names."""
+        return self.effects[-1] != self.effects[-2]
+
+    @property
+    def calibrated(self) -> dict[str, SetUp]:
+        """The set-ups of the runs used with the calibrated model."""
+        return self.setups[-1]
+
+    def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
+        """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
+        others have their own fitted."""
+        found = []
+        for effects, placed in zip(self.effects, self.setups, strict=True):
+            there = with_effects(runs, effects)
+            new = [run for run in there if run.one.setup not in placed]
+            every = placed | (fit_run_setups(new)[0] if new else {})
+            found.append([residuals_of(run.model, [run.one], every)[0] for run in there])
+        return found
+
+
+def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
+    """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
+    the names explains these runs worse than the names alone, the calibrated model has the names alone."""
+    names = result.state.refined.effects
+    effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
+    fits = [fit_run_setups(with_effects(runs, own)) for own in effects]
+    if rms(fits[2][1]) > rms(fits[1][1]):
+        effects, fits = (effects[0], names, names), [fits[0], fits[1], fits[1]]
+    return Stages(effects, tuple(setups for setups, _ in fits))
+
+
+def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
+    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
+    left = stages.left(runs)
+    before, after, calibrated = (1e3 * rms(own) for own in left)
+    tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
+    keeps = all(run.one.setup in stages.calibrated for run in runs)
+    floor = _floor(result.linear, {run.name for run in runs})
+    return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
+
+
+def _of_test(
+    test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
+) -> TestGap:
+    own = [k for k, run in enumerate(runs) if test_of(run.one.table) == test]
+    both = [[left[k] for k in own] for left in (before, calibrated)]
+    (was, is_now) = ((1e3 * rms(one), 1e3 * max(map(_largest, one))) for one in both)
+    return TestGap(test, *was, *is_now)
+
+
+def _largest(left: Array) -> float:
+    """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
+    size = np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left)
+    return float(size.max())
+
+
+def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> float:
+    """Return by which factor the calibrated model misses poses left out by more than it states, at least 1: a Birge
+    ratio. 1 where no such poses keep the set-up of runs used.
+
+    A model that is smooth where an arm is not, or the same in postures where it is not, misses places between those
+    that were measured by more than its covariance allows for. Residuals are (m, k) mm.
+    """
+    missed = stated = 0.0
+    for run, residual in zip(runs, stages.left(runs)[-1], strict=True):
+        if not isinstance(run.one.table, PoseTable) or run.one.setup not in stages.calibrated:
+            continue
+        noise, variance = _stated_variances(run, stages.calibrated, result)
+        missed += float((entries(residual, None) ** 2 - noise).sum())
+        stated += float(variance.sum())
+    return float(np.sqrt(max(missed / stated, 1.0))) if stated > 0 else 1.0
+
+
+def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
+    """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
+    entries in the set-up of the runs used."""
+    refined, posterior = result.state.refined, result.calibrated_posterior
+    alone = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
+    columns = posterior.background.columns
+    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
+    share = alone.columns([effect for form in columns.forms for effect in form.effects]) / sizes
+    placed = np.zeros((len(alone.y), columns.set_ups.stop - columns.set_ups.start))
+    placed[:, result.linear.terms[run.one.setup]] = alone.U[:, alone.terms[run.one.setup]]
+    of_effect = [[one for one in refined.unknowns if one.effect == k] for k in range(len(refined.effects))]
+    known = [slopes_of(alone, *both) for both in zip(refined.effects, of_effect, strict=True)]
+    change = np.concatenate([*known, share, placed], axis=1)
+    covariance = posterior.joint_covariance(columns.set_ups.stop, len(refined.unknowns))
+    variance = np.einsum("np,np->n", change @ covariance, change)
+    noise: Array = alone.blocks[0].sd_mm ** 2
+    return noise, np.maximum(variance, 0.0) * noise
+
+
+def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
+    """Return, for each name, the share of the gap's energy on held-out runs that it removes beside everything else that
+    was found, or None where no held-out run shows it beyond the scatter of one run.
+
+    The set-up is fitted again to each run; a healthy arm's share of every effect is taken from the runs used. Residuals
+    are (m, k) mm.
+    """
+    whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
+    setups = result.linear.setups_moved_by(result.moves)
+    for run in runs:
+        judged = _at_places_used(result, run) or _at_other_places(result, run, setups)
+        left = judged.residual - judged.free_share
+        after = judged.energy(left)
+        whole += judged.energy(judged.before)
+        gained += [judged.energy(left + change) - after for change in judged.contributions]
+        shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
+    return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
+
+
+@dataclass(frozen=True)
+class _JudgedRun:
+    """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
+    (N,).
+
+    `before` is the residual without them and `residual` that with all of them. `free_share` is what free forms add
+    beside them, zero where that is not known. `contributions` are the changes when each name is removed.
+    `basis` (N, s) is orthonormal and spans what the set-up could absorb. `limit_um` is the rms change from which a name
+    is material beside the scatter of one run.
+    """
+
+    block: Block
+    before: Array
+    residual: Array
+    free_share: Array
+    contributions: Sequence[Array]
+    basis: Array
+    limit_um: float
+
+    def without_set_up(self, values: Array) -> Array:
+        """Return whitened values (N,) with the part removed that the set-up could absorb."""
+        fitted: Array = values - self.basis @ (self.basis.T @ values)
+        return fitted
+
+    def energy(self, values: Array) -> float:
+        """Return the energy in mm² of values (N,), with the set-up fitted."""
+        return float(((self.without_set_up(values) * self.block.sd_mm) ** 2).sum())
+
+    def shows(self, change: Array) -> bool:
+        """Return whether a change of the readings (N,) is material beside the scatter of one run, with the set-up
+        fitted."""
+        return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.limit_um
+
+
+def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
+    """Return a run at places where runs of its kind were used, or None where there are none or where its periods of
+    standing differ from theirs."""
+    linear = result.linear
+    kinds = [(block.name, block.targets_key) for block in linear.blocks]
+    kind = (run.name, targets_key(run))
+    if kind not in kinds or run.model.rig != linear.blocks[kinds.index(kind)].model.rig:
+        return None
+    k = kinds.index(kind)
+    block, rows = linear.blocks[k], linear.rows[k]
+    sampling = run.sampling
+    if sampling and block.sampling:
+        sampling = replace(
+            sampling if block.sampling.stands else sampling.without_stands(), bridged=block.sampling.bridged
+        )
+    (with_names,) = with_effects([run], result.state.refined.effects)
+    # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
+    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))
+    found = entries(residual, sampling)
+    if len(found) != len(block.y_mm):
+        return None
+    left = block.white(found) + linear.U[rows] @ result.moves
+    before = left + (linear.residual(()) - result.state.refined.residual)[rows]
+    changes = [change[rows] for change in result.contributions]
+    residual_with_share = left - result.posterior.healthy_share[rows]
+    free, limit = result.free_share[rows], float(result.scatter_limits_um[k])
+    return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), limit)
+
+
+def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
+    """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
+    effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
+    placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
+    alone = linearise(blocks_of([run], placed, effects), placed, effects)
+    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+    left = alone.residual(effects)
+    changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+    with_share = left - share @ result.posterior.mean[: share.shape[1]]
+    (block,), none, limit = alone.blocks, np.zeros_like(with_share), float(limits_um(alone, None)[0])
+    return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), limit)
+
+
+def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int) -> float:
+    """Return the rms residual (m, k) of runs with all effects except one, in µm and with set-ups fitted."""
+    return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]))[1])
+
+
+def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
+    """Return the rms residual (m, k) of runs with one effect alone, in µm and with set-ups fitted: what its remedy
+    alone leaves."""
+    return 1e3 * rms(fit_run_setups(with_effects(runs, [effect]))[1])
+
+
+def _floor(linear: Linearisation, names: Collection[str]) -> float:
+    """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
+    noise."""
+    alike = [block.name in names for block in linear.blocks]
+    size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
+    return float(np.sqrt(size @ noise_um(linear) ** 2 / size.sum()))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The calibrated model: the posterior of a diagnosis as terms with their mean and covariance.
+#
+# The effects that were fitted come first, each as it was fitted. Every form of the background follows: its effect at
+# the size at which its column was computed, and how many times of it the readings show on average. Single forms are
+# rarely certain, and their sum is: it is what reaches a tenth of a millimetre where named effects reach half of one.
+
+_LEAST = 1e-9
+"""Added to the correlation of each parameter with itself before its root is taken: twins are correlated by one within
+rounding."""
+
+
+def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
+    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, and then of the numbers of
+    times that forms show."""
+    columns = posterior.background.columns
+    forms, fitted = columns.set_ups.start, len(unknowns)
+    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
+    found = posterior.joint_covariance(forms, fitted)
+    unit = np.concatenate([np.ones(fitted), 1 / sizes])
+    return np.asarray(unit[:, None] * found * unit, dtype=float)
+
+
+def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis knows
+    rig: Rig,
+    result: SearchResult,
+    standing: Sequence[Effect],
+    used: Sequence[Measured],
+    runs: Sequence[ObservedRun],
+    stages: Stages,
+    train: Gap,
+    elsewhere: Gap | None,
+    widened: float = 1.0,
+) -> CalibratedModel:
+    """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
+    that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
+    left of them and `elsewhere`, and its uncertainty `widened` by a factor."""
+    effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
+    terms = [Term.model_construct(effect=one, times=1.0, named=one in standing) for one in effects]
+    more = background_terms(result.calibrated_posterior)
+    if not stages.has_background:
+        more = [term.model_copy(update={"times": 0.0}) for term in more]
+    parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
+    parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
+    root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
+    angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
+    found = CalibratedModel.model_construct(
+        format=1,
+        rig=rig.name,
+        date=dt.datetime.now(dt.UTC).date(),
+        version=version("rig"),
+        runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
+        joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
+        setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
+        before_um=train.before_um,
+        calibrated_um=train.calibrated_um,
+        held_out_um=elsewhere.calibrated_um if elsewhere else None,
+        widened=widened,
+        terms=(*terms, *more),
+        parameters=tuple(parameters),
+        factor=packed_factor(root),
+    )
+    return found if rig.calibrated is None else _beside(rig.calibrated, found)
+
+
+def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
+    """Return a calibration that was found beside another one, with the terms of both. How many times a term shows adds
+    up, and so does its variance, as if both were independent."""
+    terms, parameters = list(before.terms), list(before.parameters)
+    known = {(terms[one.term].effect, one.field): k for k, one in enumerate(parameters) if one.field == TIMES}
+    first, place = len(terms), []
+    for one in found.parameters:
+        term = found.terms[one.term]
+        place.append(known.get((term.effect, one.field), len(parameters)))
+        if place[-1] == len(parameters):
+            parameters.append(one.model_copy(update={"term": first + one.term}))
+    same = {found.parameters[j].term: parameters[k].term for j, k in enumerate(place) if k < len(before.parameters)}
+    terms += [term.model_copy(update={"times": 0.0}) if k in same else term for k, term in enumerate(found.terms)]
+    for k, old in same.items():
+        terms[old] = terms[old].model_copy(update={"times": terms[old].times + found.terms[k].times})
+    covariance = np.zeros((len(parameters), len(parameters)))
+    count = len(before.parameters)
+    covariance[:count, :count] = before.root @ before.root.T
+    covariance[np.ix_(place, place)] += found.root @ found.root.T
+    joints = [
+        (min(one[0], other[0]), max(one[1], other[1]))
+        for one, other in zip(before.joints_deg, found.joints_deg, strict=True)
+    ]
+    # A copy would keep the root and the effects that are known of the one found.
+    fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
+    fields |= {
+        "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+        "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+    }  # fmt: skip
+    return CalibratedModel.model_construct(**fields)
+
+
+def _root(covariance: Array) -> Array:
+    """Return a lower triangular root (P, P) of a covariance."""
+    sd = np.sqrt(np.diag(covariance))
+    unit = np.where(sd > 0, sd, 1.0)
+    correlation = covariance / unit[:, None] / unit
+    correlation[np.diag_indices_from(correlation)] += _LEAST
+    return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
+
+
+def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
+    return any(run.one.setup == setup and isinstance(run.one.table, PoseTable) for run in runs)
+
+
+def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:
+    if poses:
+        both = (setup.T_instrument_world, setup.T_tool_target)
+        placed = [tuple(tuple(row) for row in one.tolist()) for one in both]
+        return PlacedSetUp(T_instrument_world=placed[0], T_tool_target=placed[1])
+    x, y, z = setup.ball.tolist()
+    return PlacedSetUp(ball_mm=(x, y, z), zeros_mm=tuple(setup.zeros_mm.tolist()))

@@ -1,0 +1,405 @@
+"""The verdicts: standing against limits, the condition of the arm, its accuracy, and which effects stand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from analysis.inference.background import best_free_form, free_forms_of
+from analysis.inference.budget import CERTAIN_SIGMA, EffectChange, sizes_by_setup
+from analysis.inference.candidates import order_of
+from analysis.inference.link_swing import FoundVibration
+from analysis.inference.observation import ObservedRun
+from analysis.inference.residuals import bands_above_noise
+from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
+from analysis.inference.result import ODDS, Accuracy, Condition, Doubt, Gap, JudgedOn, Named, Remainder, Rival
+from analysis.inference.search import SearchResult
+from analysis.inference.selection import RivalOdds
+from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
+from analysis.inference.validation import gap_without_um
+from analysis.kinematics.arm import Array
+from analysis.measures.columns import FigureColumn, figure_columns
+from analysis.measures.quantity import Quantity
+from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
+from rigs.effects import Effect
+from rigs.errors import RigError
+from rigs.rig import Rig
+from rigs.schema.effect import is_wave, label_of, name_of, size_of
+from rigs.schema.limits import Limit, Limits, Standing
+from rigs.schema.vocabulary import TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The standing of runs against limits: every figure that has one, judged with its uncertainty, and the worst of them.
+#
+# A diagnosis and the page of a report judge by this and nothing else, so that they cannot differ.
+
+_WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
+
+
+@dataclass(frozen=True)
+class JudgedFigure:
+    """A figure of a column of a test against its limit. `straddled` states whether its uncertainty reaches over a bound
+    of the limit, and `of_data_sheet` whether the limit is that of the data sheet."""
+
+    test: TestName
+    column: FigureColumn
+    name: str
+    figure: Quantity
+    limit: Limit
+    of_data_sheet: bool
+
+    @property
+    def standing(self) -> Standing:
+        """Where the figure stands."""
+        return self.limit.standing(self.figure.value, self.figure.u)
+
+    @property
+    def straddled(self) -> bool:
+        """Whether another measurement may decide otherwise."""
+        return self.limit.straddled(self.figure.value, self.figure.u)
+
+    @property
+    def excess(self) -> float:
+        """Size of the figure in units of its last bound, by which the worst comes first."""
+        bound = self.limit.fail if self.limit.fail is not None else self.limit.watch
+        return abs(self.figure.value) / (bound or 1.0)
+
+
+def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFigure, ...]:
+    """Return every figure of results that has a limit, the worst first."""
+    judged = []
+    for group in by_test(results):
+        test = group[0].measured.run.manifest.test
+        for column in figure_columns(group):
+            for name, figure in column.figures.items():
+                if (limit := limits.of(test, name)) is not None:
+                    sheet = limits.from_data_sheet(test, name)
+                    judged.append(JudgedFigure(test, column, name, figure, limit, sheet))
+    return tuple(sorted(judged, key=lambda one: (_WORST.index(one.standing), -one.excess)))
+
+
+def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
+    """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
+    where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
+    not of what a calibrated model leaves of it."""
+    judged = judged_figures(_evaluable(runs), rig.limits)
+    if not judged:
+        return None, None
+    return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"
+
+
+def _evaluable(runs: Sequence[Measured]) -> list[Result]:
+    """Return the results of the runs that have any, one of a single lap with the noise of another run of its test."""
+    results = []
+    for run in runs:
+        try:
+            results.append(result_of(run))
+        except RigError:
+            continue
+    for borrower in borrowers(results):
+        place, result = evaluated_again(borrower)
+        results[place] = result
+    return results
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The verdicts: which fitted effects the diagnosis stands by and why not by others, what remains, the condition of the
+# arm and its accuracy.
+
+_CRUMBS = 0.05
+"""Share of the gap's energy up to which a remainder is crumbs: false verdicts of generated cells had 0.03 to 0.5 %, and
+a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
+_SURE = 0.999
+"""Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
+_LARGE = 0.5
+"""Share of the gap from which a usual effect leaves the condition open where only one run of each kind was driven."""
+_SAME_SIGMA = 0.5
+"""Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
+one, both would be confused in a third of all repeats."""
+_NEGLIGIBLE = 1e-4
+"""Odds of rivals that are not listed."""
+_FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
+"""At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
+worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
+the answers of generated cells, foreign ones found 4 of 5, false ones 5 to 2."""
+_MOST_RUNS = 20
+"""Largest number of runs that is advised; what needs more is not found in this way."""
+_ENOUGH = 3
+"""Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
+a third of the readings."""
+_HEALTHY = 0.05
+"""Odds that a healthy arm shows the same, above which an effect is not reported as a fault: one case in twenty."""
+_LIKELY = 0.2
+"""Odds among rivals below which a name does not stand: three names with the same response have a third each, so each
+of them stays above it."""
+_SIGMA = 2.0
+"""Uncertainties of what it does up to which a name does not stand. With gauges that were exchanged in all runs a length
+of -23 ± 23 mm had odds above 99.9 %."""
+_CERTAIN = ODDS / (1 + ODDS)
+"""Odds among rivals below which a name is ambiguous."""
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """The gap on the runs used, on held-out runs and at an unseen place."""
+
+    train: Gap
+    held_out: Gap | None
+    unseen: Gap | None
+
+    @property
+    def written(self) -> tuple[Gap, Gap | None]:
+        """What a calibrated model states of itself: the gap on the runs used, and where it had no part in it."""
+        return self.train, self.unseen or self.held_out
+
+
+def ambiguous_names(found: Sequence[Named]) -> list[Named]:
+    """Return the names that stand and whose rivals cannot be dismissed."""
+    return [one for one in found if one.stands and one.posterior < _CERTAIN]
+
+
+def named_effects(
+    result: SearchResult, runs: Sequence[ObservedRun], gains: Sequence[float | None], changes: Sequence[EffectChange]
+) -> list[Named]:
+    """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
+    does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
+    effects = result.state.refined.effects
+    found = [
+        _named(result, k, gain, change, gap_without_um(runs, effects, k))
+        for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
+    ]
+    series = series_among(effects)
+    return [replace(one, doubt="series") if name_of(one.effect) in series else one for one in found]
+
+
+def without_useless(found: Sequence[Named], train: Gap) -> list[Named]:
+    """Return names, none of which stands where the calibrated model explains the runs used no better than without
+    them: they are something that is no effect, such as exchanged gauges. Where the names alone explain no more than
+    nothing, only those stand that are all but certain: others cancel each other, or what is usual."""
+    if train.calibrated_um >= train.before_um:
+        return [replace(one, doubt="no_better") if one.stands else one for one in found]
+    if train.after_um < train.before_um:
+        return list(found)
+    return [replace(one, doubt="unsure") if one.stands and one.posterior < _SURE else one for one in found]
+
+
+def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
+    """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
+    effects, own_odds = result.state.refined.effects, result.rival_odds[k]
+    sizes = sizes_by_setup(result, k, result.scatter_limits_um)
+    ratio = sizes.birge_ratio()
+    sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
+    twins, rivals = _rivals(result, k, own_odds)
+    odds = own_odds.odds + sum(one.posterior for one in twins)
+    doubt = _doubt(result, k, change, odds, gain)
+    # Effects that depend on more than the posture may differ from run to run, or from day to day.
+    by_posture = effects[k].compensation().use != "none"
+    found = Named(
+        effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
+        sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
+        twins=tuple(one.effect for one in twins),
+    )  # fmt: skip
+    return replace(found, doubt="contradicted") if found.contradicted else found
+
+
+def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
+    """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
+
+    What is certain and larger than usual is never too small to say; what only this quiet arm shows little of otherwise
+    must move the readings by more than one run scatters.
+    """
+    state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
+    effect = state.refined.effects[k]
+    moves = worth(result.linear, result.contributions[k]).is_material(result.scatter_limits_um)
+    reasons: tuple[tuple[bool, Doubt], ...] = (
+        (not state.is_fault(k), "usual"),
+        (not moves and abs(size_of(effect)) < FAULT, "usual"),
+        (gain is not None and gain <= 0, "held_out"),
+        (healthy_odds >= _HEALTHY, "healthy_shows_it"),
+        (odds <= _LIKELY, "rival"),
+        (change.um <= _SIGMA * change.u_um, "unsure"),
+    )
+    return next((doubt for holds, doubt in reasons if holds), None)
+
+
+def _remedy(result: SearchResult, effect: Effect) -> str:
+    """Return what to do about an effect. A wave of which the joint did not drive two is no gear that was shown."""
+    turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
+    if is_wave(effect) and effect.STAGE == "joint" and order_of(effect) * turned < DRIVEN_WAVES:
+        return f"use the calibrated model, which holds the angle error of joint {_axis(effect)} over its angle"
+    return effect.remedy()
+
+
+def _axis(effect: Effect) -> int:
+    return int(getattr(effect, "axis", 1))
+
+
+def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
+    """Return the twins of an effect, which change the readings in the same way, and its other rivals."""
+    twins: list[Rival] = []
+    others: list[Rival] = []
+    for tried, odds in own_odds.rivals:
+        effects = tried.refined.effects
+        rival = Rival(effects[-1], tried.refined.sd(len(effects) - 1), odds)
+        if rival.posterior <= _NEGLIGIBLE:
+            continue
+        apart = result.linear.without_set_up(tried.refined.residual - result.state.refined.residual)
+        (twins if np.linalg.norm(apart) < _SAME_SIGMA else others).append(rival)
+    return tuple(twins), tuple(others)
+
+
+def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
+    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
+    at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
+    if found.gain < np.log(ODDS):
+        return []
+    moves = Worth(np.full(len(limits), 1e3 * found.amplitude_mm / np.sqrt(2)))
+    if not moves.is_material(limits):
+        return []
+    odds = 1 / (1 + float(np.exp(-min(found.gain, 50.0))))
+    return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, None)]
+
+
+def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
+    µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs
+    beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
+    """
+    imitating = [one for one in found if one.contradicted]
+    effects = result.state.refined.effects
+    imitated = sum(
+        (result.contributions[effects.index(one.effect)] for one in imitating), np.zeros_like(result.linear.y)
+    )
+    linear, posterior = result.linear, result.posterior
+    strength = result.state.strength[result.selection.columns.band]
+    beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
+    left = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
+    gap_um = worth(linear, result.initial_residual).whole_um
+    share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
+    healthy = worth(linear, posterior.healthy_share)
+    is_material = left.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
+    um, single_um = min(left.whole_um, train.before_um), _left_of_runs_um(train)
+    if single_um > max(um, LEAST_MATERIAL_UM):
+        um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
+    words = (
+        _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+    )
+    return Remainder(um, share, words, healthy.whole_um), is_material
+
+
+def _left_of_runs_um(train: Gap) -> float:
+    """Return what the calibrated model leaves of single runs beyond the noise, in µm; nothing where that is no more
+    than a few times the noise, of which the scatter between runs is known roughly."""
+    if train.calibrated_um <= _FAR * train.noise_floor_um:
+        return 0.0
+    return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
+
+
+def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
+    first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
+    where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
+    forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
+    seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
+    alike = [
+        f"{label_of(one.effect)} resembles it, but {_shares_in_words(one)}" for one in imitating if not one.is_term
+    ]
+    series = Counter(name_of(one.effect) for one in imitating if one.is_term)
+    alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
+    return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
+
+
+def _shares_in_words(one: Named) -> str:
+    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in one.shares]
+    return f"the readings show {' and '.join(shown)}"
+
+
+def condition_of(
+    result: SearchResult, found: Sequence[Named], left: Remainder, gaps: Gaps, *, is_material: bool, early: bool
+) -> Condition:
+    """Return the condition of the arm. `is_material` states whether what remains exceeds the scatter of one run, and
+    `early` whether poses were read before the joints came to rest."""
+    if not _is_testable(result, early=early):
+        return "not_testable_here"
+    if (is_material and _is_much(result, left, gaps)) or _is_foreign(gaps):
+        return "outside_library"
+    if any(one.stands for one in found):
+        return "ambiguous" if ambiguous_names(found) else "named"
+    if is_undecided(result, found):
+        return "undecided"
+    return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
+
+
+def _is_much(result: SearchResult, left: Remainder, gaps: Gaps) -> bool:
+    """Return whether what remains is more than crumbs of the arm's error, to which what an earlier calibration in the
+    rig file explains belongs."""
+    calibrated = result.linear.blocks[0].model.rig.calibrated
+    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0)
+    return left.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
+
+
+def _is_testable(result: SearchResult, *, early: bool) -> bool:
+    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
+    if len(result.linear.y) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
+        return False
+    poses_alone = all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
+    shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
+    return not (early and poses_alone and shows)
+
+
+def is_undecided(result: SearchResult, found: Sequence[Named]) -> bool:
+    """Return whether more runs may find a fault: one of its size is not certain yet, or one that makes much of the gap
+    is compared with a level of this arm that runs without repeats do not show."""
+    doubted = any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
+    whole = worth(result.linear, result.initial_residual).whole_um
+    large = any(one.doubt == "usual" and one.worth_um > _LARGE * whole for one in found)
+    return doubted or (large and not all(block.measured for block in result.linear.blocks))
+
+
+def runs_to_decide(result: SearchResult, found: Sequence[Named]) -> int:
+    """Return how many runs of each kind would decide an undecided condition: at least two, which show the noise, and so
+    many that the change of the most doubtful effect is certain."""
+    most = max((block.count for block in result.linear.blocks), default=1)
+    sigmas = [one.worth_um / one.u_um for one in found if not one.stands and one.u_um > 0 and one.worth_um > 0]
+    wanted = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
+    return int(min(max(2, most + 1, np.ceil(most * wanted)), _MOST_RUNS))
+
+
+def _is_foreign(gaps: Gaps) -> bool:
+    """Return whether another place contradicts the model: with everything that was found it is no better there than
+    with the names alone, or hardly better than without them, where the runs used were explained."""
+    there = gaps.unseen
+    if there is None or there.before_um <= _FAR * there.noise_floor_um:
+        return False
+    floor = there.noise_floor_um**2
+    gained = 1 - max(there.calibrated_um**2 - floor, 0.0) / max(there.before_um**2 - floor, 1e-12)
+    explained = 1 - (gaps.train.calibrated_um / max(gaps.train.before_um, 1e-12)) ** 2
+    worse = there.calibrated_um > _WORSE * there.after_um and there.calibrated_um > _FAR * there.noise_floor_um
+    return bool(worse or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN))
+
+
+def _gains_elsewhere(gaps: Gaps) -> bool:
+    """Return whether the calibrated model was shown to remove much of the gap where it had no part in it."""
+    judged = gaps.unseen or gaps.held_out
+    if judged is None or judged.before_um <= _FAR * judged.noise_floor_um:
+        return False
+    return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+
+def accuracy_of(
+    gaps: Gaps, standing: Standing | None, limit: Literal["rig_file", "data_sheet"] | None, tolerance_um: float | None
+) -> Accuracy:
+    """Return the error now and after the calibration, where it had no part if runs of such a place were given; judged
+    by the tolerance, or else by the limits of the rig file, as they stand."""
+    place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
+    there = gaps.unseen or gaps.held_out or gaps.train
+    largest = max((one.before_largest_um for one in gaps.train.tests), default=gaps.train.before_um)
+    own: Literal["tolerance", "rig_file", "data_sheet"] | None = limit
+    if tolerance_um is not None:
+        standing, own = "pass" if gaps.train.before_um <= tolerance_um else "fail", "tolerance"
+    return Accuracy(standing, own, gaps.train.before_um, largest, there.calibrated_um, there.before_um, place)

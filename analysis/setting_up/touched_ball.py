@@ -1,0 +1,283 @@
+"""Circles and spheres through points at which the robot stood, and the fixed ball that it touched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from analysis.geometry.circle import CircleFrame
+from analysis.geometry.circle_through import circles_through, deviations, largest_deviations, nearest_circle
+from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
+from analysis.setting_up.circle_rows import DRIVEN, Binned, FoundCircle
+from analysis.traces.align import align, robot_alone
+from analysis.traces.csv_tables import table_from
+from analysis.traces.stands import stands_of
+from analysis.traces.tables import RadialTable, RepeatabilityTable
+from daq.store import Run
+from rigs.edit import Values
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Circles and spheres through points at which the robot stood, each point with the scatter that all of them show.
+#
+# So few points show their scatter badly: u is widened by Student's factor, so that 2 u holds 95 % whatever their
+# number. Where they leave nothing over (three points of a circle, four of a sphere), what the joints did within each
+# stand is all that is known of it.
+
+_APART_MM = 5.0
+"""Stands nearer to each other are at one place."""
+_OFF_MM = 5.0
+"""A person jogs to a point of a circle that a link holds to better than this."""
+_FEWEST = 4
+"""Stands on one circle that are no chance: any three are on one."""
+_OTHERS = 1 / 3
+"""Share of stands that may be elsewhere, as where the robot stood before and after."""
+_MOST_STANDS = 40
+"""Stands whose triples are tried, some 10 000; a person jogs to fewer."""
+_FOLLOWED = 0.8
+"""Share of the time of a driven circle that the robot is on the circle through its stops."""
+_LINE = 0.01
+"""Three points whose triangle is flatter than this share of its length are on a line."""
+
+
+@dataclass(frozen=True)
+class StoodCircle:
+    """A circle through m stands: tool poses T (m, 4, 4) mm and angles q (m, 6) rad in order of time; covariance (3, 3)
+    mm² of the coefficients of its radial and, alike, of its axial deviations; doubts in words."""
+
+    circle: CircleFrame
+    T: Array
+    q: Array
+    covariance: Array
+    doubts: tuple[str, ...]
+
+
+def distinct(places: Array) -> Array:
+    """The places (k, 3) mm among places (m, 3) mm that are apart from each other."""
+    found: list[Array] = []
+    for place in places:
+        if all(np.linalg.norm(place - other) > _APART_MM for other in found):
+            found.append(place)
+    return np.array(found).reshape(-1, 3)
+
+
+def is_jogged(bins: Binned, found: FoundCircle | None) -> bool:
+    """Whether the robot was jogged from point to point of a circle, and did not drive the one that its path shows.
+
+    Between the points of a jog the path leaves the circle through them; a person also stands where the robot is at
+    home, and a program where it turns back."""
+    places = distinct(bins.places[bins.stand_rows])
+    if len(places) < 3 or found is None:
+        return len(places) > 2
+    if len(places) == 3:  # on a circle wherever they are
+        return int((deviations(found.circle, places).largest < _OFF_MM).sum()) < 2
+    together = on_one_circle(places)
+    circle = nearest_circle(places[together])
+    if together.sum() < _FEWEST or circle is None:
+        return False
+    rows = bins.stand_rows[deviations(circle, bins.places[bins.stand_rows]).largest < _OFF_MM]
+    between = slice(rows[0], rows[-1])
+    follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
+    return bool(follows.mean() < _FOLLOWED) if len(follows) else True
+
+
+def on_one_circle(places: Array) -> Mask:
+    """A mask of the places (m, 3) mm, three or more, that lie on one circle: that on which the most do, and best."""
+    triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
+    centre, normal, radius = circles_through(places[triples])
+    off = largest_deviations(places, centre, normal, radius)
+    near = off < _OFF_MM
+    worth = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
+    together: Mask = near[int(worth.argmax())]
+    return together
+
+
+def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
+    """The circle through the stands, without a few that are elsewhere. Raises FileError where they lie on a line, or
+    are on no circle."""
+    q = np.array([stand.q for stand in bins.stands])
+    T = forward(arm, q)
+    together = on_one_circle(T[:, :3, 3])
+    others = len(q) - int(together.sum())
+    if together.sum() < _FEWEST or others > _OTHERS * len(q):
+        together[:] = True
+    q, T = q[together], T[together]
+    places = T[:, :3, 3]
+    circle = nearest_circle(places)
+    extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    if circle is None or extent[1] < _LINE * extent[0]:
+        what = f"the {len(places)} points at which the robot stood lie on a line"
+        raise FileError(where, what, "stand at points far apart around the circle")
+    away = deviations(circle, places)
+    if away.largest.max() > _OFF_MM:
+        worst = int(away.largest.argmax())
+        what = (
+            f"the {len(places)} stands lie up to {away.largest[worst]:.1f} mm off one circle, most in stand {worst + 1}"
+        )
+        raise FileError(where, what, "record only stands on the circle, or the circle itself without stops")
+    free = 2 * (len(places) - 3)
+    left = float((away.radial**2).sum() + (away.axial**2).sum())
+    scatter_mm, doubts = scatter(left, free, _within(bins))
+    if not together.all():
+        doubts = (*doubts, f"{others} stands are not used because they lie off the circle of the others")
+    design = away.design
+    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
+    return StoodCircle(circle, T, q, covariance, doubts)
+
+
+def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
+    """Scatter in mm of one coordinate of a point, widened for few points, and a doubt where the points show none.
+
+    squares: of what is left, mm²; free: its degrees of freedom; within_mm: scatter in mm within the stands."""
+    if free <= 0:
+        return within_mm, ("as few points leave no residual: u has only the scatter within the stands; add a point",)
+    from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
+
+    return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
+
+
+def _within(bins: Binned) -> float:
+    """Root mean square in mm of how places move in one coordinate while the robot stands."""
+    return float(np.sqrt(np.mean([bins.places[one.settled].var(axis=0).mean() for one in bins.stands])))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Where a fixed ball is, by the places of the tool while it touched the ball or a link held it at one distance.
+#
+# The tool's point stands at four or more places on a sphere about the ball, of a radius that need not be known. Where
+# a gauge on the link was read, what it read more is taken off each distance.
+
+_ROUNDS = 20
+"""Gauss-Newton steps from the algebraic fit; a short cap of a sphere takes most of them."""
+_OFF_BALL_MM = 10.0
+"""An arm's errors bend a hemisphere by some mm; a stand further off is not on it."""
+_OTHERS_OF_BALL = 1 / 8
+"""Share of stands that may be elsewhere: at home before the program and after it."""
+_GAUGE_MM = 5.0
+"""The ball must be in the hemisphere's centre within what a gauge reads to either side: 2 u must stay within."""
+
+
+@dataclass(frozen=True)
+class TouchedBall:
+    """centre (3,) mm; covariance (3, 3) mm²; radius_mm and its u of the sphere on which the tool was; q (m, 6) rad and
+    places (m, 3) mm of the stands; used: what it was fitted to; doubts in words."""
+
+    centre: Array
+    covariance: Array
+    radius_mm: float
+    u_radius_mm: float
+    q: Array
+    places: Array
+    used: str
+    doubts: tuple[str, ...]
+
+    @property
+    def u_centre_mm(self) -> Array:
+        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def values(self, rig: Rig) -> Values:
+        """The keys of tests.hemisphere: the centre, and what else a rig file without a hemisphere lacks."""
+        values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
+        if rig.tests.hemisphere is None:
+            pole = int((self.places - self.centre)[:, 2].argmax())  # its normal points upwards unless stated
+            values["radius_mm"] = round(self.radius_mm, 3)
+            values["posture_deg"] = [round(float(x), 2) for x in np.degrees(self.q[pole])]
+        return values
+
+
+def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
+    """The ball about which the robot stood in all runs. Raises FileError for fewer than four places, or for places that
+    determine no sphere."""
+    where = ", ".join(str(run.path) for run in runs)
+    stands, doubts = zip(*(_stands(run, rig) for run in runs), strict=True)
+    q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
+    places = forward(arm_of(rig.robot), q)[:, :3, 3]
+    if (apart := len(distinct(places))) < 4:
+        what = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
+        raise FileError(where, what, "stand at more places all over the hemisphere, a second at each")
+    near = _near_one_sphere(places, g_mm)
+    others = len(q) - int(near.sum())
+    q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
+    x, design = _sphere(places, g_mm)
+    left = _off(places, g_mm, x)
+    if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
+        raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
+    if np.abs(left).max() > _OFF_BALL_MM:
+        worst = int(np.abs(left).argmax())
+        what = f"stand {worst + 1} of {len(left)} lies {abs(left[worst]):.1f} mm off one sphere about the ball"
+        raise FileError(where, what, "record only stands at which the link or the ball held the tool")
+    scatter_mm, more = scatter(float((left**2).sum()), len(left) - 4, float(np.sqrt(np.mean(within**2))))
+    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
+    used = f"{len(q)} stands on a sphere of {x[3]:.1f} mm"
+    if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
+        what = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
+        raise FileError(where, what, "stand at places further apart, all over the hemisphere")
+    said = tuple(doubt for one in doubts for doubt in one) + more
+    if others:
+        said = (*said, f"{others} stands are not used because they lie off the sphere of the others")
+    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, said)
+
+
+def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
+    """Angles (m, 6) rad, readings (m,) mm, 0 without a gauge, and scatter (m,) mm within each of a run's stands."""
+    path, manifest = run.path, run.manifest
+    if run.table is not None:
+        table = table_from(run.table, manifest.test, manifest.direction, str(path))
+        if not isinstance(table, RadialTable | RepeatabilityTable):
+            raise FileError(str(path), f"is a {manifest.test} table, without stands about a ball", "give a radial run")
+        return (table.q, table.g_mm, np.zeros(len(table.q))), ()
+    doubts: tuple[str, ...] = ()
+    try:
+        data = align(path, run, rig)
+        t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
+    except FileError as error:
+        t_s, q, said = robot_alone(path, run)
+        g_mm = np.zeros((len(t_s), 1))
+        doubts = (*said, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
+    stands = stands_of(t_s, q, g_mm)
+    arm = arm_of(rig.robot)
+    within = [forward(arm, q[one.settled])[:, :3, 3].std(axis=0).mean() for one in stands]
+    angles = np.array([one.q for one in stands]).reshape(-1, 6)
+    return (angles, np.array([one.g_mm[0] for one in stands]), np.array(within)), doubts
+
+
+def _near_one_sphere(places: Array, g_mm: Array) -> Mask:
+    """A mask of the places (m, 3) mm without the few that lie far off the sphere of the others, one after the other."""
+    near = np.ones(len(places), dtype=bool)
+    for _ in range(int(_OTHERS_OF_BALL * len(places))):
+        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
+        if off.max() < _OFF_BALL_MM:
+            break
+        near[int(off.argmax())] = False
+    return near
+
+
+def _off(places: Array, g_mm: Array, x: Array) -> Array:
+    """Distance (m,) mm of places (m, 3) mm from the sphere x (4,)."""
+    away: Array = np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3]
+    return away
+
+
+def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
+    """Centre and radius (4,) mm with |p - B| = R + g, and the slopes (m, 4) of the distances by them."""
+    middle = places.mean(axis=0)
+    from_middle = places - middle
+    algebraic = np.column_stack([2 * from_middle, np.ones(len(places))])
+    x = np.linalg.lstsq(algebraic, (from_middle**2).sum(axis=1), rcond=None)[0]
+    x = np.append(middle + x[:3], np.sqrt(max(x[3] + x[:3] @ x[:3], 1.0)))
+    for _ in range(_ROUNDS):
+        design, left = _slopes(places, g_mm, x)
+        x = x + np.linalg.lstsq(design, left, rcond=None)[0]
+    return x, _slopes(places, g_mm, x)[0]
+
+
+def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
+    away = places - x[:3]
+    distance = np.linalg.norm(away, axis=1)
+    design = np.column_stack([away / np.maximum(distance, 1e-9)[:, None], np.ones(len(places))])
+    return design, distance - g_mm - x[3]

@@ -1,0 +1,241 @@
+"""The whole engine on simulated runs: the right name with its size, no name for a healthy robot or a foreign fault."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date
+
+import pytest
+from rich.console import Console
+
+from analysis.inference import diagnose as verdicts
+from analysis.inference import search as engine
+from analysis.inference import state as selection_state
+from analysis.inference.candidates import Candidate, candidates_for
+from analysis.inference.diagnose import diagnose, doubts_of_limits
+from analysis.inference.responses import Linearisation
+from analysis.inference.result import Diagnosis, Named
+from analysis.inference.verdict import without_useless
+from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.diagnosis_screen import as_screen
+from analysis.simulation.simulate import simulate
+from analysis.traces.loading import Measured
+from rigs.effects import (
+    Backlash,
+    ClockRate,
+    Effect,
+    JointOffset,
+    LinkGeometry,
+    ReversalSpike,
+    TransmissionError,
+    Vibration,
+    size_field,
+)
+from rigs.errors import FileError
+from rigs.schema.effect import Found, name_of, size_of
+from tests.support.diagnosis_cells import RIG, circles, found_in, measured, response
+from tests.support.made_once import made_once
+
+CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (870.0, 30.0, 250.0)}) if RIG.tests.circle else None
+ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": CIRCLE})})
+PHASES = (0.3, 2.0, 5.1, 4.2)
+HIDDEN: dict[str, tuple[Effect, ...]] = {
+    "backlash 1": (Backlash(axis=1, width_deg=0.02, transit=0.2),),
+    "joint_offset 3": (JointOffset(axis=3, offset_deg=0.02),),
+    "transmission_error 4": (TransmissionError(axis=4, order=2, amplitude_deg=0.02, phase_deg=40),),
+    "two at once": (
+        Backlash(axis=2, width_deg=0.02, transit=0.2),
+        TransmissionError(axis=1, order=60, amplitude_deg=0.002, phase_deg=-70),
+    ),
+}
+
+
+def _names(found: Diagnosis) -> list[str]:
+    """Those that it stands by."""
+    return sorted(name_of(one.effect) for one in found.standing)
+
+
+@pytest.mark.parametrize("seed", [11, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (12, 13, 39))])
+def test_a_healthy_robot_draws_no_name(seed: int) -> None:
+    """Nor does one that is less accurate than it should be."""
+    found = diagnose(RIG, circles(seed=seed), (), (), lambda doing: None, 0.0)
+    assert (found.accuracy.standing, found.accuracy.limit) == ("fail", "tolerance")
+    assert found.condition == "nothing_unusual"
+    assert _names(found) == [] and found.next_test is None
+    assert found.repeated and found.doubts == ()
+    assert found.train.before_um < 2 * found.train.noise_floor_um
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.nightly if case in ("backlash 1", "transmission_error 4") else ())
+        for case in HIDDEN
+    ],
+)
+def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
+    truths = HIDDEN[case]
+    runs, left_out = circles(truths, seed=14), circles(truths, seed=15, count=1, ways=("cw",))
+    there = measured(simulate(ELSEWHERE, "yaw", "cw", 5, truths), "yaw", "elsewhere", ELSEWHERE)
+    found = found_in(runs, held_out=left_out, unseen=[there])
+    assert found.condition == "named" and _names(found) == sorted(map(name_of, truths))
+    for truth in truths:
+        one = next(one for one in found.effects if name_of(one.effect) == name_of(truth))
+        field = size_field(truth)
+        assert abs(getattr(one.effect, field) - getattr(truth, field)) < 3 * one.sd[field]
+        assert one.posterior > 0.95 and one.remedy and one.worth_um > 3
+        assert one.shares == (), "there is one set-up"
+        assert one.held_out_gain and 0.2 < one.held_out_gain < 1.05
+        assert one.gap_without_um > 1.2 * found.train.after_um
+        if len(truths) == 1:
+            assert one.gap_without_um == pytest.approx(found.train.before_um, rel=1e-3)
+    assert found.where and found.held_out and found.unseen
+    for gap in (found.train, found.held_out, found.unseen):
+        assert gap.before_um > 1.5 * gap.noise_floor_um
+        assert gap.after_um < 2 * gap.noise_floor_um
+        assert gap.calibrated_um < 1.3 * gap.noise_floor_um
+    assert found.held_out.runs == ("yaw-cw-0",) and found.unseen.runs == ("elsewhere",)
+
+
+def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fewer(linear: Linearisation) -> Sequence[Candidate]:
+        return [one for one in candidates_for(linear) if one.effect.effect != "reversal_spike"]
+
+    runs = circles((ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.3),), seed=16)
+    monkeypatch.setattr(engine, "candidates_for", fewer)
+    found = found_in(runs)
+    assert found.condition == "outside_library"
+    assert found.remainder.um > 10 and found.remainder.um > sum(one.worth_um for one in found.effects if one.stands)
+    assert "it looks like" in found.remainder.words
+    assert found.left and all("cycles a lap" in left.words for left in found.left)
+    assert any(place.why.startswith("reversal") for place in found.where)
+
+
+def _gear(size_deg: float, in_roll_deg: float) -> list[Measured]:
+    """Yaw and roll circles of an arm whose gear errs by a size on each."""
+
+    def gear(amplitude_deg: float) -> tuple[Effect, ...]:
+        return (TransmissionError(axis=1, order=60, amplitude_deg=amplitude_deg, phase_deg=-70),)
+
+    return [*circles(gear(size_deg), seed=19), *circles(gear(in_roll_deg), seed=20, tests=("roll",))]
+
+
+@made_once
+def _apart() -> Diagnosis:
+    return found_in(_gear(0.006, 0.0015))
+
+
+def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder() -> None:
+    """An error that is a gear's on each circle, with another size on each, is no gear's."""
+    found = _apart()
+    (one,) = (one for one in found.effects if name_of(one.effect) == "transmission_error 1")
+    sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
+    assert sizes == pytest.approx({"yaw": 0.006 / 0.005, "roll": 0.0015 / 0.005}, rel=0.1)
+    assert one.contradicted and not one.stands and found.contradicted == (one,) and one not in found.slight
+    assert found.condition == "outside_library" and found.remainder.um > 0.5 * one.worth_um
+    assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.remainder.words
+
+
+@pytest.mark.nightly
+def test_a_name_of_which_set_ups_show_the_same_share_stands_and_is_surer() -> None:
+    (apart,) = (one for one in _apart().effects if name_of(one.effect) == "transmission_error 1")
+    alike = found_in(_gear(0.006, 0.006))
+    (one,) = (one for one in alike.effects if name_of(one.effect) == "transmission_error 1")
+    assert alike.condition == "named" and one.stands and len(one.shares) == 2
+    assert apart.sd["amplitude_deg"] > 5 * one.sd["amplitude_deg"], "set-ups that disagree make a size less certain"
+    assert all(abs(share.value - 1) < 3 * share.sd + 0.05 for share in one.shares)
+    assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
+
+
+def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A series of waves describes any error of a joint, as of one that slips."""
+    monkeypatch.setattr(selection_state, "_MOST_WAVES", 1)  # private: seven waves take minutes
+    waves = (TransmissionError(axis=1, order=order, amplitude_deg=0.006, phase_deg=-70) for order in (60, 100))
+    found = found_in(circles(tuple(waves), seed=19))
+    assert found.condition == "outside_library" and not found.standing
+    assert [(name_of(one.effect), one.is_term) for one in found.contradicted] == [("transmission_error 1", True)] * 2
+    assert "2 waves of transmission_error 1 together resemble it" in found.remainder.words
+    screen = Console(width=120, file=io.StringIO())
+    with screen.capture() as shown:
+        screen.print(as_screen(found))
+    assert "no fault, one of more waves than a joint has: transmission_error 1 order" in shown.get()
+    waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
+    assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
+    assert "comes from gear error" not in AnswerWords(found).headline, "what imitates something else is no cause"
+
+
+def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:
+    """Their origin has uncertainties in a mapping, which nothing can hash."""
+    there = (Backlash(axis=1, width_deg=0.02), LinkGeometry(axis=3, field="d", delta=0.1), ClockRate(ppm=200))
+    origin = Found(date=date(2026, 11, 2), runs=("yaw-cw-0",), sd={"size": 0.001})
+    known = tuple(one.model_copy(update={"found": origin}) for one in there)
+    found = diagnose(RIG.model_copy(update={"effects": known}), circles(there, seed=14), (), (), lambda doing: None)
+    assert found.condition == "nothing_unusual" and not found.standing
+
+
+def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> None:
+    """diagnosis.md: on the circle alone the zero of axis 5 and the wrist's offset (a of row 6) do the same."""
+    found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
+    assert found.condition == "ambiguous"
+    (one,) = found.effects
+    names = {name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals)}
+    assert {"joint_offset 5", "link_geometry 6.a"} <= names
+    assert one.posterior < 20 / 21 and one.posterior + sum(rival.posterior for rival in one.rivals) < 1.001
+    for rival in one.rivals:
+        assert rival.sd[size_field(rival.effect)] > 0
+    assert found.next_test and found.next_test.expected_sigma > 3 and found.next_test.why
+    assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in found.groups)
+
+
+def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
+    found = found_in([response(run, 9.4, 0.008, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
+    assert found.condition == "named" and _names(found) == ["vibration"]
+    (one,) = found.effects
+    assert isinstance(one.effect, Vibration)
+    assert one.effect.frequency_hz == pytest.approx(9.4, abs=0.05)
+    assert one.effect.amplitude_mm == pytest.approx(0.008, abs=2 * one.sd["amplitude_mm"])
+
+
+@made_once
+def _zero_of_axis_3_off(tolerance_um: float) -> Diagnosis:
+    return diagnose(RIG, circles(HIDDEN["joint_offset 3"], seed=14), (), (), lambda doing: None, tolerance_um)
+
+
+@pytest.mark.parametrize(("tolerance_um", "standing"), [(0.0, "fail"), (1000.0, "pass")])
+def test_a_tolerance_judges_the_accuracy_and_a_zero_that_is_off_stays_named(tolerance_um: float, standing: str) -> None:
+    """Two questions, two verdicts: a box that is within its limits may have something loose."""
+    found = _zero_of_axis_3_off(tolerance_um)
+    assert (found.accuracy.standing, found.accuracy.limit) == (standing, "tolerance")
+    assert found.condition == "named"
+    one = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
+    assert one.stands and 10 < one.worth_um < 100
+
+
+def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*given: object) -> None:
+        raise FileError("cell.yaml", "has a hemisphere that the arm cannot reach", "move it")
+
+    monkeypatch.setattr(verdicts, "possible_tests", refused)
+    found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
+    assert found.condition == "ambiguous" and found.next_test is None
+    assert any("cannot reach" in doubt for doubt in found.doubts)
+
+
+def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
+    (one,) = (found := _zero_of_axis_3_off(1000.0)).standing
+    assert without_useless([one], found.train) == [one]
+    (useless,) = without_useless([one], replace(found.train, calibrated_um=found.train.before_um))
+    assert not useless.stands and useless.doubt == "no_better"
+
+
+def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
+    one = Named(JointOffset(axis=3, offset_deg=2.4), {}, 1.0, (), 1.0, "", 500.0, None)
+    assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of its size")
+    inside = replace(one, effect=JointOffset(axis=3, offset_deg=2.3))
+    assert doubts_of_limits([inside, replace(one, doubt="usual")]) == ()
+    nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-2.4 * (1 + 1e-15)))
+    assert doubts_of_limits([nearly])
+    # A play cannot be narrower than none.
+    assert doubts_of_limits([replace(one, effect=Backlash(axis=1, width_deg=0.0))]) == ()
