@@ -45,12 +45,16 @@ class Checked:
 
 def check_runs(runs: Runs) -> list[Checked]:
     """Hold runs of one robot against every convention, alone and together."""
-    return [Checked(one, tuple(one.find(runs)), one.cannot(runs)) for one in CONVENTIONS]
+    found = findings_of(runs)
+    return [
+        Checked(one, tuple(finding for finding in found if finding.convention == one.name), one.cannot(runs))
+        for one in CONVENTIONS
+    ]
 
 
 def findings_of(runs: Runs) -> list[Finding]:
     """Return what speaks against a convention in runs of one robot."""
-    return [finding for one in CONVENTIONS for finding in one.find(runs)]
+    return [finding for find in _FINDERS for finding in find(runs)]
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
@@ -82,18 +86,14 @@ def _stands(runs: Runs) -> Iterator[Finding]:
             yield replace(finding, runs=(run.run.manifest.name,))
 
 
-def _gauges(convention: str) -> Callable[[Runs], Iterator[Finding]]:
-    """The findings about the gauges: against their repeats, against what no joint does, and by the ball's place; the
-    surest of each run."""
-
-    def find(runs: Runs) -> Iterator[Finding]:
-        found = list(repeat_findings(runs))
-        for more in (sign_findings, _each(order_findings)):
-            known = {name for finding in found for name in finding.runs}
-            found += more([run for run in runs if run.run.manifest.name not in known])
-        yield from (finding for finding in found if finding.convention == convention)
-
-    return find
+def _gauges(runs: Runs) -> Iterator[Finding]:
+    """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
+    the ball's place; the surest of each run."""
+    known: set[str] = set()
+    for find in (repeat_findings, sign_findings, _each(order_findings)):
+        found = list(find([run for run in runs if run.run.manifest.name not in known]))
+        known.update(name for finding in found for name in finding.runs)
+        yield from found
 
 
 def _always(runs: Runs) -> str:
@@ -133,17 +133,29 @@ def _no_stops(runs: Runs) -> str:
 
 
 CONVENTIONS = (
-    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always, _each(unit_findings)),
-    Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden, _each(joint_findings)),
-    Convention(ORDER, "are g1 and g2 exchanged", _no_yaw, _gauges(ORDER)),
-    Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair, _gauges(SIGN)),
-    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw, _each(stamp_findings)),
-    Convention(PLACE, "was each target where the rig file has it", _no_targets, _each(place_findings)),
-    Convention(STANDS, "is each row a visit of its own", _no_stops, _stands),
-    Convention(WILDNESS, "did the tracker have its target", _no_poses, _each(wild_findings)),
-    Convention(DUPLICATES, "is a place or a row written again", _no_poses, _each(duplicate_findings)),
+    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always),
+    Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
+    Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
+    Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
+    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
+    Convention(PLACE, "was each target where the rig file has it", _no_targets),
+    Convention(STANDS, "is each row a visit of its own", _no_stops),
+    Convention(WILDNESS, "did the tracker have its target", _no_poses),
+    Convention(DUPLICATES, "is a place or a row written again", _no_poses),
 )
 """Every convention, in the order in which a person reads them."""
+
+_FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
+    _each(unit_findings),
+    _each(joint_findings),
+    _gauges,
+    _each(stamp_findings),
+    _each(place_findings),
+    _stands,
+    _each(wild_findings),
+    _each(duplicate_findings),
+)
+"""What looks for findings in runs; order and sign of gauges are judged together."""
 
 
 def why_no_measurement(run: Measured) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -67,11 +67,9 @@ class Finding:
 class Convention:
     """A convention that data are held against.
 
-    name: one word or two; asks: the question, in words; cannot: why these runs cannot answer it, empty where they can;
-    find: what speaks against it in runs of one robot, alone and together.
+    name: one word or two; asks: the question, in words; cannot: why these runs cannot answer it, empty where they can.
     """
 
     name: str
     asks: str
     cannot: Callable[[Sequence[Measured]], str]
-    find: Callable[[Sequence[Measured]], Iterable[Finding]]

@@ -104,9 +104,9 @@ def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) 
     that were measured by more than its covariance allows for. Residuals are (m, k) mm.
     """
     missed = stated = 0.0
-    for run, residual in zip(runs, stages.left(runs)[-1], strict=True):
-        if not isinstance(run.one.table, PoseTable) or run.one.setup not in stages.calibrated:
-            continue
+    kept = [run for run in runs if isinstance(run.one.table, PoseTable) and run.one.setup in stages.calibrated]
+    for run, calibrated in zip(kept, with_effects(kept, stages.effects[-1]), strict=True):
+        (residual,) = residuals_of(calibrated.model, [run.one], stages.calibrated)
         noise, variance = _stated_variances(run, stages.calibrated, result)
         missed += float((entries(residual, None) ** 2 - noise).sum())
         stated += float(variance.sum())

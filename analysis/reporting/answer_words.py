@@ -7,7 +7,7 @@ English, the page in its own language.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
@@ -152,13 +152,13 @@ class AnswerWords:
 
     def _condition(self) -> str:
         found, texts = self.found, self.texts
-        faults, count = self._listed(found.standing, self._fault), len(found.standing)
+        faults, count = self._listed([*map(self._fault, found.standing)]), len(found.standing)
         left = {"um": micrometres(found.remainder.um), "share": percent(found.remainder.share)}
         match found.condition:
             case "named":
                 return texts("says_fault" if count == 1 else "says_faults", faults=faults, count=count)
             case "ambiguous":
-                return texts("says_ambiguous", faults=self._listed(found.standing, self._alternatives))
+                return texts("says_ambiguous", faults=self._listed([*map(self._alternatives, found.standing)]))
             case "outside_library" if count:
                 return texts("says_outside_beside", faults=faults, **left)
         return " ".join(filter(None, [texts(f"says_{found.condition}", **left), self._held()]))
@@ -166,8 +166,7 @@ class AnswerWords:
     def _held(self) -> str:
         """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
         held = list(dict.fromkeys(map(self.noun, self.found.rig.effects)))
-        more = [self.texts("and_more", count=len(held) - _MOST_NAMED)] if len(held) > _MOST_NAMED else []
-        return self.texts("already_held", effects="; ".join([*held[:_MOST_NAMED], *more])) if held else ""
+        return self.texts("already_held", effects=self._listed(held)) if held else ""
 
     def _large(self) -> str:
         """What makes more than a third of the error and is no fault, as a sentence; empty where nothing does."""
@@ -179,9 +178,9 @@ class AnswerWords:
         beside = ", ".join(filter(None, [self.size_of(part), self.times_usual(part)])) if part.index is not None else ""
         return f"{self.part_name(part)} ({beside})" if beside else self.part_name(part)
 
-    def _listed(self, standing: tuple[Named, ...], said: Callable[[Named], str]) -> str:
-        more = [self.texts("and_more", count=len(standing) - _MOST_NAMED)] if len(standing) > _MOST_NAMED else []
-        return "; ".join([*(said(one) for one in standing[:_MOST_NAMED]), *more])
+    def _listed(self, said: Sequence[str]) -> str:
+        more = [self.texts("and_more", count=len(said) - _MOST_NAMED)] if len(said) > _MOST_NAMED else []
+        return "; ".join([*said[:_MOST_NAMED], *more])
 
     def _fault(self, one: Named) -> str:
         return ", ".join([self.noun(one.effect), size(one), *self._share(one)])

@@ -50,24 +50,6 @@ def made_once(make: Callable[P, T]) -> Callable[P, T]:
     return cache(made)  # type: ignore[return-value]
 
 
-def made_once_in(make: Callable[[Path], None]) -> Callable[[], Path]:
-    """Return the directory that `make` fills, which is given a name that does not exist yet, from the first call on the
-    disk. Who wants to change something in it copies it."""
-
-    @wraps(make)
-    def made() -> Path:
-        directory = _file(make, ())
-        with _locked(directory):
-            if not directory.exists():
-                part = _beside(directory, "part")
-                shutil.rmtree(part, ignore_errors=True)
-                make(part)
-                part.rename(directory)
-        return directory
-
-    return cache(made)
-
-
 def _file(make: Callable[..., object], arguments: object) -> Path:
     """Where the value of a function for its arguments is kept."""
     asked = hashlib.sha256(Path(make.__code__.co_filename).read_bytes() + pickle.dumps(arguments)).hexdigest()
