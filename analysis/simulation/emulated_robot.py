@@ -6,7 +6,6 @@ Between programs it is set to the start of the next at once; a person would take
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -21,6 +20,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.yaw import plain_figures
 from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.simulation.simulate import readings_along
+from daq import clock
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import CONDITION, PROGRAM, SAFETY, ProgramState, SafetyState, words_of
@@ -79,7 +79,7 @@ class EmulatedRobot:
         self._number = 0
         self._shown: dict[str, float] = {}
         """What a person made it show of its condition."""
-        self.finished = threading.Event()
+        self.finished = clock.Event()
         """Set while it stands."""
         self.finished.set()
 
@@ -138,12 +138,14 @@ class EmulatedRobot:
         with self._lock:
             self._trace = driven
             self._number = 1 + PROGRAMS.index(program)
-            self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
+            self._start_ns = clock.now_ns() + int(_STAND_S * 1e9)
             self.finished.clear()
-        end = threading.Timer(seconds, self.finished.set)
-        end.daemon = True
-        end.start()
+        clock.Thread(target=self._stand_after, args=(seconds,), name="emulated robot", daemon=True).start()
         return seconds
+
+    def _stand_after(self, seconds: float) -> None:
+        clock.sleep(seconds)
+        self.finished.set()
 
     def _driven(self, program: str) -> Trace:
         match program:

@@ -40,8 +40,11 @@ class Replay:
     """The instruments of a rig as they were captured, in a `cell` to start and to stop."""
 
     @classmethod
-    def open(cls, rig: Rig, capture: Capture, marks: Path | None = None) -> Replay:
+    def open(
+        cls, rig: Rig, capture: Capture, marks: Path | None = None, *, opening: Callable[..., Cell] = Cell.open
+    ) -> Replay:
         """Open the ports of a capture. marks: the file that records what is out of step; None if it is not wanted.
+        opening: what opens the cell, with the arguments of `Cell.open`.
 
         Raises FileError where the capture holds nothing of a stream of the rig, OSError where the file cannot be made.
         """
@@ -65,7 +68,7 @@ class Replay:
         gc.collect()
         gc.freeze()
         end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
-        return cls(Cell.open(rig, replayed, paced=False), timebase, end_ns, replayed, steps, marked)
+        return cls(opening(rig, replayed, paced=False), timebase, end_ns, replayed, steps, marked)
 
     def __init__(
         self,

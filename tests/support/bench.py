@@ -8,13 +8,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from daq import clock
 from daq.emulators import Cell, Motion, emulated
 from daq.service.client import Client
 from rigs.load import SHIPPED, parse
@@ -64,7 +64,30 @@ def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
     return yaml.safe_dump(data)
 
 
-class Bench:
+class Watched:
+    """A daemon whose status is asked for until it is as a test wants it."""
+
+    def status(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def until(self, what: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """Ask for the status until it is so."""
+        deadline = clock.now_s() + PATIENCE_S
+        while clock.now_s() < deadline:
+            state = self.status()
+            if what(state):
+                return state
+            clock.sleep(0.02)
+        raise AssertionError(state)
+
+    def all_reading(self) -> dict[str, Any]:
+        return self.until(lambda state: all(s["rate_hz"] > 1 for s in state["streams"].values()))
+
+    def recorded(self, more_than: int) -> dict[str, Any]:
+        return self.until(lambda state: min(state["samples"].values()) > more_than)
+
+
+class Bench(Watched):
     """Cell and daemon in one directory; leaves nothing running."""
 
     def __init__(
@@ -192,22 +215,6 @@ class Bench:
     def status(self) -> dict[str, Any]:
         with Client(self.socket) as client:
             return client.ask("status")
-
-    def until(self, what: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
-        """Ask for the status until it is so."""
-        deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            state = self.status()
-            if what(state):
-                return state
-            time.sleep(0.02)
-        raise AssertionError(state)
-
-    def all_reading(self) -> dict[str, Any]:
-        return self.until(lambda state: all(s["rate_hz"] > 1 for s in state["streams"].values()))
-
-    def recorded(self, more_than: int) -> dict[str, Any]:
-        return self.until(lambda state: min(state["samples"].values()) > more_than)
 
     def signalled(self, number: signal.Signals) -> tuple[int, str]:
         """Send a signal, wait for the end: exit code and what was said."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,26 +118,36 @@ class SimulatedCell:
     """The instruments of a rig, which measure a motion, each on a line; `daemon` starts one that reads them."""
 
     def __init__(
-        self, time: SimulatedClock, folder: Path, text: str, motion: Motion, signal: Callable[[int], float]
+        self,
+        time: SimulatedClock,
+        folder: Path,
+        text: str,
+        motion: Motion,
+        signal: Callable[[int], float],
+        devices: Mapping[str, Callable[[], Device]] | None = None,
     ) -> None:
+        """devices: what makes the instrument of each stream instead, as of a capture, whose pieces have come by a line
+        already."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
-        devices = instruments_of(self.rig, motion, signal)
+        played = devices is not None
+        devices = devices or instruments_of(self.rig, motion, signal)
         self.lines: dict[str, SimulatedLine] = {}
         self.made: dict[str, list[Device]] = {}
         self.daemons = 0
         with time.process("cell"):
             for stream in streams_of(self.rig):
-                pace_ns = 0 if "://" in stream.port else stream.line.character_ns
+                pace_ns = 0 if "://" in stream.port or played else stream.line.character_ns
                 line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns)
                 made = self.made[stream.name] = []
                 body = _serving(line, devices[stream.name], made)
                 clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
 
-    def daemon(self) -> Daemon:
-        """Start a daemon."""
+    def daemon(self, **options: Any) -> Daemon:
+        """Start a daemon. options: of its constructor."""
         self.daemons += 1
-        opened = Daemon(self.rig, self.text, self.folder / "runs", self.folder / "rigd.sock", opening=self._open)
+        socket = self.folder / "rigd.sock"
+        opened = Daemon(self.rig, self.text, self.folder / "runs", socket, opening=self._open, **options)
         with self.time.process(f"rigd {self.daemons}"):
             opened.start()
         return opened

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import json
 import math
-import signal
-import subprocess
-import time
 from dataclasses import replace
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import pytest
 import yaml
 
 from analysis.simulation.emulated_robot import EmulatedRobot
+from daq import clock
 from daq.emulators import Replay
 from daq.emulators.played import StreamingPlayer
 from daq.protocol.conversation import Step
 from daq.wire.capture import read_capture
 from rigs.errors import FileError
 from rigs.load import parse
-from tests.support.bench import BIN, PATIENCE_S, Bench, rig_text
+from tests.support.bench import PATIENCE_S, rig_text
+from tests.support.command_line import ran
+from tests.support.simulated_bench import SimulatedBench
 
-# A replay that is held up is out of step, or restarts, and is refused. One that is not has the figures of the original.
-pytestmark = [pytest.mark.alone, pytest.mark.real_time(held_up_s=0.02, match="no data|out of step|restarts")]
 
 FIGURES = ("amplitude_deg", "shift_deg", "offset_deg", "eccentricity_u_mm", "eccentricity_v_mm")
 """Of the sine: a range of the curve is another one where a busy computer cost the replay a reading."""
@@ -39,39 +38,35 @@ def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
     text = yaml.safe_dump(data)
     robot = EmulatedRobot.of_rig(parse(text, "quick"), seed=7)
     folder.mkdir()
-    with Bench(folder, text, robot) as bench:
-        bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
+    with SimulatedBench(folder, text, robot, capture=folder / "cell.log") as bench:
+        bench.start().all_reading()
         run = bench.record("lap", "acw")
         bench.recorded(more_than=60)  # in the replay a recording is begun as long before the robot moves
-        robot.start("acw")
-        assert robot.finished.wait(30)
-        assert bench.run("rig", "record", "stop").returncode == 0
-        assert bench.signalled(signal.SIGTERM)[0] == 0
+        bench.drive(robot, "acw")
+        bench.stop()
     return text, run
 
 
 def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
     """The same from the replay of a capture."""
     folder.mkdir()
-    capture = read_capture(log)
-    replay = Replay.open(parse(text, "quick"), capture, folder / "out-of-step.txt")
-    with Bench(folder, text, cell=replay.cell) as bench:
-        bench.rig.write_text(replay.rig_text(text))
+    capture, marks = read_capture(log), folder / "out-of-step.txt"
+    replay = Replay.open(parse(text, "quick"), capture, marks, opening=lambda _, devices, **__: devices)
+    played: Any = replay.cell  # what plays each stream, for the lines of a simulated cell
+    with SimulatedBench(folder, yaml.safe_dump(yaml.safe_load(text) | {"replay": str(marks)}), devices=played) as bench:
         bench.start().all_reading()
         run = bench.record("lap", "acw")
         seconds = (capture.pieces[-1].at_ns - capture.pieces[0].at_ns) / 1e9
-        deadline = time.monotonic() + seconds + PATIENCE_S
-        while not replay.done and time.monotonic() < deadline:
-            time.sleep(0.05)
+        until_s = clock.now_s() + seconds + PATIENCE_S
+        while not replay.done and clock.now_s() < until_s:
+            clock.sleep(0.05)
         assert replay.done, f"{replay.restarts} restarts"
-        assert bench.run("rig", "record", "stop").returncode == 0
+        bench.stop()
     return run, replay
 
 
 def _analysed(folder: Path, run: Path) -> CompletedProcess[str]:
-    return subprocess.run(
-        [BIN / "rig", "analyse", run, "--json"], check=False, capture_output=True, text=True, cwd=folder, timeout=60
-    )
+    return ran("analyse", run, "--json", cwd=folder)
 
 
 def _figures(done: CompletedProcess[str]) -> dict[str, dict[str, float]]:

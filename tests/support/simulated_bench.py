@@ -1,0 +1,88 @@
+"""A cell on the bench in simulated time: what `Bench` does with a daemon in a process, with one in this process.
+
+Nothing but the ports, the command line and the processes is left out: readers, recorder, store and the emulated
+instruments are the same. A lap passes in the time that it takes to compute, and no other work on the computer is seen
+in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from analysis.simulation.emulated_robot import EmulatedRobot
+from daq import clock
+from daq.emulators import Motion
+from daq.protocol.conversation import Device
+from daq.service.daemon import Daemon
+from tests.support.bench import ByHand, Watched, rig_text
+from tests.support.simulated_cell import SimulatedCell
+from tests.support.simulated_clock import SimulatedClock
+
+_AFTERWARDS_S = 0.2
+"""So much longer is recorded than the robot drives."""
+
+
+class SimulatedBench(Watched):
+    """Cell and daemon in one directory, in simulated time as long as it is entered.
+
+    devices: the instruments, by stream, instead of those that measure the motion. options: of the `Daemon`.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        text: str | None = None,
+        motion: Motion | None = None,
+        *,
+        seed: int = 1,
+        devices: Mapping[str, Callable[[], Device]] | None = None,
+        **options: Any,
+    ) -> None:
+        self.folder, self.text = folder, text or rig_text()
+        self.motion = ByHand()
+        self._driven, self._seed, self._devices, self._options = motion or self.motion, seed, devices, options
+        self._ends = ExitStack()
+        self.cell: SimulatedCell
+        self.daemon: Daemon
+
+    def __enter__(self) -> SimulatedBench:
+        self.time = self._ends.enter_context(SimulatedClock(self._seed).running())
+        signal = getattr(self._driven, "signal", self.motion.signal)
+        self.cell = SimulatedCell(self.time, self.folder, self.text, self._driven, signal, self._devices)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with self._ends:
+            if kind is None:
+                self.end()
+
+    def start(self) -> SimulatedBench:
+        """Start the daemon."""
+        self.daemon = self.cell.daemon(**self._options)
+        return self
+
+    def end(self) -> None:
+        """Stop the daemon, if it still runs, as a service is stopped; fails where a thread has died of an error."""
+        if hasattr(self, "daemon"):
+            self.daemon.close("complete", "the test is over")
+            del self.daemon
+        assert not self.time.errors, self.time.errors
+
+    def status(self) -> dict[str, Any]:
+        return self.daemon.answer({"command": "status"})
+
+    def record(self, name: str = "run", direction: str | None = "acw", test: str = "yaw") -> Path:
+        asked = {"command": "record_start", "name": name, "test": test, "direction": direction}
+        return Path(self.daemon.answer(asked)["run"])
+
+    def stop(self) -> dict[str, dict[str, int]]:
+        """End the recording; what was counted, by stream."""
+        counters: dict[str, dict[str, int]] = self.daemon.answer({"command": "record_stop"})["counters"]
+        return counters
+
+    def drive(self, robot: EmulatedRobot, program: str) -> None:
+        """Let the robot drive a program to its end."""
+        clock.sleep(robot.start(program) + _AFTERWARDS_S)
