@@ -13,7 +13,6 @@ from analysis.simulation.emulated_robot import EmulatedRobot, truth
 from rigs.load import load, load_hidden, parse
 from rigs.schema.vocabulary import Direction
 from tests.support.bench import Bench, rig_text
-from tests.support.command_line import ran
 from tests.support.simulated_bench import SimulatedBench
 
 
@@ -39,7 +38,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(
         path = bench.record("lap", direction)
         bench.drive(robot, direction)
         bench.stop()
-    done = ran("analyse", path, "--json", "--truth", "truth.json", "--plot", "pictures", cwd=tmp_path)
+    done = bench.run("analyse", path, "--json", "--truth", "truth.json", "--plot", "pictures")
     assert done.returncode == 0, done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["direction"] == direction and run["samples"] > 100
@@ -84,7 +83,7 @@ def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path: Path, test:
         path = bench.record("stops", None, test)
         bench.drive(robot, test)
         bench.stop()
-    done = ran("export", path, "--to", "csv", "-o", "table.csv", cwd=tmp_path)
+    done = bench.run("export", path, "--to", "csv", "-o", "table.csv")
     assert done.returncode == 0, done.stderr
     rows = (tmp_path / "table.csv").read_text().splitlines()
     assert [row.split(",")[: len(wanted[0])] for row in rows[1:]] == wanted

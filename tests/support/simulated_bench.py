@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 from analysis.simulation.emulated_robot import EmulatedRobot
@@ -18,6 +19,7 @@ from daq.emulators import Motion
 from daq.protocol.conversation import Device
 from daq.service.daemon import Daemon
 from tests.support.bench import ByHand, Watched, rig_text
+from tests.support.command_line import ran
 from tests.support.simulated_cell import SimulatedCell
 from tests.support.simulated_clock import SimulatedClock
 
@@ -73,6 +75,10 @@ class SimulatedBench(Watched):
 
     def status(self) -> dict[str, Any]:
         return self.daemon.answer({"command": "status"})
+
+    def run(self, *command: str | Path) -> CompletedProcess[str]:
+        """A command of `rig` to its end, which may ask the daemon for what it knows: no time passes meanwhile."""
+        return ran(*command, cwd=self.folder, XDG_RUNTIME_DIR=str(self.folder))
 
     def record(self, name: str = "run", direction: str | None = "acw", test: str = "yaw") -> Path:
         asked = {"command": "record_start", "name": name, "test": test, "direction": direction}

@@ -19,8 +19,6 @@ from daq.store import read_run, verify
 from daq.wire.links import LinkLost
 from tests.support.bench import Bench
 
-pytestmark = pytest.mark.alone  # no stall but the one that is made
-
 S = 1_000_000_000
 
 
@@ -146,6 +144,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 
 
+@pytest.mark.alone  # no stall but the one that is made
 def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()

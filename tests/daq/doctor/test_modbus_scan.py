@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import random
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from threading import Event, Thread
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -17,16 +15,12 @@ import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.doctor import Finding, Verdict, modbus_scan
 from daq.doctor.modbus_ways import ways
-from daq.emulators.pty_line import PtyLine
-from daq.emulators.tcp_port import TcpPort
-from daq.wire.session import run_conversation
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
-
-# A gauge that is held up seems to stand still: a pass over all registers takes 0.06 s here.
-pytestmark = [pytest.mark.alone, pytest.mark.real_time(held_up_s=0.06)]
+from tests.support.simulated_cell import SimulatedLine
+from tests.support.simulated_clock import SimulatedClock
 
 TRUE: dict[str, Any] = {
     "unit": 7,
@@ -68,40 +62,30 @@ def _gauge(fields: dict[str, Any]) -> ModbusMap:
     return modbus(**(TRUE | fields))
 
 
-@contextmanager
-def _on_a_line(true: dict[str, Any], *, tcp: bool = False) -> Iterator[str]:
-    """The port of a gauge that is moved."""
-    gauge, stop = _gauge(true), Event()
-    if tcp:
-        gauge = gauge.model_copy(update={"port": "tcp://127.0.0.1:502"})
-
-    def device() -> daq.gauges.Device:
-        return daq.gauges.device([gauge], lambda now_ns: [_moved_mm(now_ns)])
-
-    line = None if tcp else PtyLine.open(gauge.line)
-    server = TcpPort.open(device) if line is None else None
-    if server:
-        thread = Thread(target=server.serve, args=(stop,))
-    else:
-        thread = Thread(target=run_conversation, args=(line, device(), lambda _: None, stop.is_set))
-    thread.start()
-    try:
-        yield server.port if server else line.port  # type: ignore[union-attr]
-    finally:
-        stop.set()
-        thread.join()
-        if line:
-            line.close()
-
-
-def _scanned(port: str, said: dict[str, Any]) -> Finding:
+def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, network: bool = False) -> Finding:
+    """What the doctor finds of a gauge that is moved, in simulated time. true: of it, beside TRUE."""
+    port = "tcp://127.0.0.1:502" if network else "/dev/ttyUSB0"
+    gauge = _gauge(true or {}).model_copy(update={"port": port})
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     fields = _gauge(said).model_dump(mode="json", exclude_none=True) | {"port": port}
     data["gauges"] = {"g1": fields}
     data["tests"] = {}
-    rig = parse(yaml.safe_dump(data), "cell")
+    described = streams_of(parse(yaml.safe_dump(data), "cell"))[0]
     told: list[str] = []
-    finding = modbus_scan.scan_gauge("g1", _gauge(said), streams_of(rig)[0], told.append)
+
+    def device() -> daq.gauges.Device:
+        return daq.gauges.device([gauge], lambda now_ns: [_moved_mm(now_ns)])
+
+    with SimulatedClock(1).running() as time:
+        line = SimulatedLine("g1", 0 if network else gauge.line.character_ns)
+        line.serve(device)
+
+        def opened(name: str, port: str, setting: Line, **_: object) -> Any:
+            line.change = (lambda data: (data, 0)) if network or setting == gauge.line else (lambda data: (b"", 0))
+            return line.open()
+
+        finding = modbus_scan.scan_gauge("g1", _gauge(said), replace(described, opening=opened), told.append)
+        assert not time.errors
     assert "every unit number" in told[0] and all("move its probe" in line for line in told[1:])
     return finding
 
@@ -116,16 +100,14 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("true", "said", "remedy"), [case[1:] for case in WRONG], ids=[case[0] for case in WRONG])
 def test_a_gauge_that_is_described_wrongly_is_found(true: dict[str, Any], said: dict[str, Any], remedy: str) -> None:
-    with _on_a_line(true) as port:
-        finding = _scanned(port, said)
+    finding = _scanned(said, true)
     assert (finding.verdict, finding.remedy) == (Verdict.WRONG, remedy), finding
     lowest_mm, highest_mm = map(float, re.findall(r"-?\d+\.\d{4}", finding.what)[:2])
     assert 0.79 < lowest_mm < 1.5 and 3.5 < highest_mm < 4.25, "the motion is shown"
 
 
 def test_a_gauge_behind_a_gateway() -> None:
-    with _on_a_line({}, tcp=True) as port:
-        finding = _scanned(port, {"unit": 1, "word_order": "big"})
+    finding = _scanned({"unit": 1, "word_order": "big"}, network=True)
     assert finding.remedy == "write unit: 7, word_order: little", finding
 
 
@@ -133,14 +115,12 @@ def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(modbus_scan, "UNITS", range(1, 3))
     lines = tuple(map(Line.model_validate, ("9600 8N1", "115200 8E1")))
     monkeypatch.setattr(modbus_scan, "USUAL_LINES", lines)
-    with _on_a_line({}) as port:
-        finding = _scanned(port, {"line": "19200 8E1", "byte_order": "little"})
+    finding = _scanned({"line": "19200 8E1", "byte_order": "little"})
     assert finding.remedy == "write line: 115200 8E1, byte_order: big", finding
 
 
 def test_a_gauge_that_is_described_rightly() -> None:
-    with _on_a_line({}) as port:
-        assert _scanned(port, {}).verdict is Verdict.OK
+    assert _scanned({}).verdict is Verdict.OK
 
 
 # --- judged without a line ---

@@ -24,7 +24,6 @@ from tests.support.bench import PATIENCE_S, rig_text
 from tests.support.command_line import ran
 from tests.support.simulated_bench import SimulatedBench
 
-
 FIGURES = ("amplitude_deg", "shift_deg", "offset_deg", "eccentricity_u_mm", "eccentricity_v_mm")
 """Of the sine: a range of the curve is another one where a busy computer cost the replay a reading."""
 LATE_NS = 100_000_000

@@ -14,7 +14,8 @@ from analysis.traces.loading import load_measured
 from daq.store import read_run
 from rigs.load import parse
 from rigs.problems import RigFileError
-from tests.support.bench import Bench, rig_text
+from tests.support.bench import rig_text
+from tests.support.simulated_bench import SimulatedBench
 
 HEADS = {"interface": "keyence_dl_rs1a", "port": "/dev/ttyUSB9", "line": "57600 8N1", "offset_mm": 0}
 
@@ -46,18 +47,16 @@ def test_further_gauges_are_held_to_what_the_two_are(further: dict[str, Any], to
     assert told in str(refused.value)
 
 
-@pytest.mark.alone
 def test_four_gauges_are_recorded_exported_and_shown(tmp_path: Path) -> None:
-    with Bench(tmp_path, text(g3=HEADS, g4=HEADS | {"channel": 2})) as bench:
+    with SimulatedBench(tmp_path, text(g3=HEADS, g4=HEADS | {"channel": 2})) as bench:
         bench.motion.mm |= {"g3": 0.3, "g4": -0.4}
-        bench.start().until(lambda state: all(stream["rate_hz"] for stream in state["streams"].values()))
-        bench.all_reading()
+        bench.start().all_reading()
         path = bench.record()
         bench.recorded(30)
-        shown = bench.run("rig", "status").stdout
+        shown = bench.run("status").stdout
         assert "0.3000 mm" in shown and "-0.4000 mm" in shown
-        assert bench.run("rig", "record", "stop").returncode == 0
-        assert bench.run("rig", "export", path, "--to", "mcap", "-o", "run.mcap").returncode == 0
+        bench.stop()
+    assert bench.run("export", path, "--to", "mcap", "-o", "run.mcap").returncode == 0
     heads = read_run(path).streams["g3_g4"]
     assert len(heads["g3_mm"]) > 3
     assert heads["g3_mm"] == pytest.approx(0.3) and heads["g4_mm"] == pytest.approx(-0.4)

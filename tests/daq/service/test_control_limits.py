@@ -22,8 +22,6 @@ from daq.service.control import ControlServer
 from daq.store import read_run
 from tests.support.bench import BIN, Bench
 
-pytestmark = pytest.mark.alone  # a run beside a flood has no stalls
-
 PATIENCE_S = 10.0
 
 
@@ -166,6 +164,7 @@ def fill() -> list[int]:
     return taken
 
 
+@pytest.mark.alone  # a run beside a flood has no stalls
 @pytest.mark.skipif(not shutil.which("prlimit"), reason="prlimit is not installed (package util-linux)")
 @pytest.mark.parametrize("limit", [1024, 128])
 def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int) -> None:

@@ -28,8 +28,6 @@ from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, Bench, rig_text
 from tests.support.drivers import OPC_UA
 
-pytestmark = pytest.mark.alone  # time-outs of peers are fractions of a second
-
 LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 
 
@@ -62,6 +60,7 @@ def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
 # --- TCP ---
 
 
+@pytest.mark.real_time(held_up_s=0.05)
 @pytest.mark.parametrize("interface", ["line_feed", "ur_rtde"])
 def test_a_peer_that_takes_the_connection_and_says_nothing_is_left_and_called_again(interface: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -84,6 +83,7 @@ def test_a_peer_that_takes_the_connection_and_says_nothing_is_left_and_called_ag
     assert gaps_s[2] > gaps_s[0] + 0.3, "0.2, 0.4 and 0.8 s of pause"
 
 
+@pytest.mark.real_time
 def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=0.5)
