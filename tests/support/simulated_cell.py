@@ -48,20 +48,9 @@ class SimulatedLine:
         self.connections += 1
         return ours
 
-    def serve(self, make: Callable[[], Device]) -> list[Device]:
-        """Put what `make` makes for each connection behind it, on a thread; the list of what has been made."""
-        made: list[Device] = []
-
-        def serve() -> None:
-            while True:
-                if self.ends is None:
-                    clock.sleep(_ROUND_S)
-                else:
-                    made.append(make())
-                    _converse(self, self.ends[1], made[-1])
-
-        clock.Thread(target=serve, name=f"emulated {self.name}", daemon=True).start()
-        return made
+    def serve(self, make: Callable[[], Device]) -> None:
+        """Put what `make` makes for each connection behind it, on a thread."""
+        clock.Thread(target=_serving(self, make, []), name=f"emulated {self.name}", daemon=True).start()
 
     def unplug(self) -> None:
         """Pull the cable: what is on its way is gone."""
@@ -154,7 +143,9 @@ class SimulatedCell:
             for stream in streams_of(self.rig):
                 pace_ns = 0 if "://" in stream.port or played else stream.line.character_ns
                 line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns)
-                self.made[stream.name] = line.serve(devices[stream.name])
+                made = self.made[stream.name] = []
+                body = _serving(line, devices[stream.name], made)
+                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
 
     def daemon(self, **options: Any) -> Daemon:
         """Start a daemon. options: of its constructor."""
@@ -176,6 +167,18 @@ class SimulatedCell:
 
     def _open(self, name: str, *_: object, **__: object) -> Any:
         return self.lines[name].open()
+
+
+def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]) -> Callable[[], None]:
+    def serve() -> None:
+        while True:
+            if line.ends is None:
+                clock.sleep(_ROUND_S)
+            else:
+                made.append(make())
+                _converse(line, line.ends[1], made[-1])
+
+    return serve
 
 
 def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
