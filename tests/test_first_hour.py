@@ -81,7 +81,7 @@ def test_the_page_lists_these_cells() -> None:
 def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
     """The lap is driven in simulated time: by the instruments of the cell, with the rig file that was written."""
     gauges, robot = CELLS[name]
-    unknown = parse(cell_text(gauges, robot), "unknown")
+    unknown = parse(cell_text(gauges, robot, speed_mm_s=50), "unknown")
     hand, path = Pushed(driven := EmulatedRobot.of_rig(unknown, seed=3)), tmp_path / "cell.yaml"
     cell = emulated(unknown, hand, names=tmp_path / "by-id")
     cell.start()

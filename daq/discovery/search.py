@@ -73,12 +73,12 @@ def ports_here() -> dict[str, str]:
 
 def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
     """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
-    here, found, stop = ports_here(), dict[str, PortReport](), threading.Event()
+    here, found, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
     def one(port: str) -> None:
         found[port] = search_port(port, here.get(port, ""), wanted, progress, stop)
 
-    threads = [threading.Thread(target=one, args=(port,), name=f"search {port}") for port in wanted.ports]
+    threads = [clock.Thread(target=one, args=(port,), name=f"search {port}") for port in wanted.ports]
     try:
         for thread in threads:
             thread.start()

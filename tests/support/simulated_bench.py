@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -30,7 +31,7 @@ _AFTERWARDS_S = 0.2
 class SimulatedBench(Watched):
     """Cell and daemon in one directory, in simulated time as long as it is entered.
 
-    devices: the instruments, by stream, instead of those that measure the motion. options: of the `Daemon`.
+    devices, paced: see `SimulatedCell`. options: of the `Daemon`.
     """
 
     def __init__(
@@ -41,19 +42,23 @@ class SimulatedBench(Watched):
         *,
         seed: int = 1,
         devices: Mapping[str, Callable[[], Device]] | None = None,
+        paced: bool = True,
         **options: Any,
     ) -> None:
         self.folder, self.text = folder, text or rig_text()
         self.motion = ByHand()
-        self._driven, self._seed, self._devices, self._options = motion or self.motion, seed, devices, options
+        driven = motion or self.motion
+        signal = getattr(driven, "signal", self.motion.signal)
+        self._make = partial(SimulatedCell, folder=folder, text=self.text, motion=driven, signal=signal)
+        self._make = partial(self._make, devices=devices, paced=paced)
+        self._seed, self._options = seed, options
         self._ends = ExitStack()
         self.cell: SimulatedCell
         self.daemon: Daemon
 
     def __enter__(self) -> SimulatedBench:
         self.time = self._ends.enter_context(SimulatedClock(self._seed).running())
-        signal = getattr(self._driven, "signal", self.motion.signal)
-        self.cell = SimulatedCell(self.time, self.folder, self.text, self._driven, signal, self._devices)
+        self.cell = self._make(self.time)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

@@ -129,19 +129,20 @@ class SimulatedCell:
         motion: Motion,
         signal: Callable[[int], float],
         devices: Mapping[str, Callable[[], Device]] | None = None,
+        *,
+        paced: bool = True,
     ) -> None:
-        """devices: what makes the instrument of each stream instead, as of a capture, whose pieces have come by a line
-        already."""
+        """devices: what makes the instrument of each stream instead. paced: not where what they send comes at the pace
+        of the line already, as from a capture."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
-        played = devices is not None
         devices = devices or instruments_of(self.rig, motion, signal)
         self.lines: dict[str, SimulatedLine] = {}
         self.made: dict[str, list[Device]] = {}
         self.daemons = 0
         with time.process("cell"):
             for stream in streams_of(self.rig):
-                pace_ns = 0 if "://" in stream.port or played else stream.line.character_ns
+                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
                 line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns)
                 made = self.made[stream.name] = []
                 body = _serving(line, devices[stream.name], made)

@@ -9,25 +9,34 @@ import signal
 import termios
 import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pytest
 
+from daq.acquisition.streams import Stream, streams_of
 from daq.discovery import PortReport, Wanted, Watch, named_attempts, ports_here, search
 from daq.discovery.attempts import Attempt, attempts
+from daq.emulators.instruments import instruments_of
 from daq.emulators.pty_line import PtyLine
+from daq.emulators.uart import heard
+from daq.protocol.conversation import Device
 from daq.wire.serial_port import port_names
 from rigs.errors import CellError
+from rigs.load import parse
 from rigs.schema.links import Line
-from tests.support.bench import PATIENCE_S
-from tests.support.unknown_cells import GAUGES, make_it_stream, switched_on
-
-pytestmark = pytest.mark.alone  # an answer that comes late is of another attempt
+from tests.support.bench import PATIENCE_S, ByHand
+from tests.support.simulated_cell import SimulatedLine
+from tests.support.simulated_clock import SimulatedClock
+from tests.support.unknown_cells import GAUGES, cell_text, switched_on
 
 LISTEN_S = 0.3
+SEARCH = importlib.import_module("daq.discovery.search")  # its package has a function of the same name
 _One = TypeVar("_One")
 
 
@@ -35,9 +44,59 @@ def searched(*ports: str, **more: object) -> list[PortReport]:
     return search(Wanted(ports, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
 
 
+@dataclass
+class Simulated:
+    """A cell as `switched_on` makes it, in simulated time. Its ports are ptys, which keep their settings alone; the
+    bytes go by lines in memory."""
+
+    lines: dict[str, SimulatedLine]
+    hand: ByHand
+
+    @property
+    def gauge_ports(self) -> list[str]:
+        return list(self.lines)
+
+
+@contextmanager
+def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
+    """told: what the owner of each instrument has sent it before."""
+    rig, made = parse(cell_text(kind, "ur"), "unknown"), Simulated({}, ByHand())
+    devices = instruments_of(rig, made.hand)
+    with ExitStack() as at_the_end:
+        at_the_end.enter_context(SimulatedClock(1).running())
+        patched = at_the_end.enter_context(pytest.MonkeyPatch.context())
+        true: dict[str, Line] = {}
+
+        def switched_on(stream: Stream, word: bytes) -> Device:
+            device: Any = devices[stream.name]()
+            if word:
+                device.connected = lambda now_ns: replace(device.received(word, now_ns), send=b"")
+            return device
+
+        for stream, word in zip_longest(streams_of(rig)[:-1], told, fillvalue=b""):
+            pty = PtyLine.open(stream.line)
+            at_the_end.callback(pty.close)
+            line, true[pty.port] = SimulatedLine(stream.name, stream.line.character_ns), stream.line
+            made.lines[pty.port] = line
+            line.serve(partial(switched_on, stream, word))
+
+        def opened(name: str, port: str, line: Line, **_: object) -> Any:
+            """At another baud both ends hear nonsense."""
+            cable = made.lines[port]
+            end, send = cable.open(), None
+            cable.change = lambda data: (data, 0)
+            if line.baud != true[port].baud:
+                send, cable.change = end.write, lambda data: (heard(data, true[port], line), 0)
+                end.write = lambda data: send(heard(data, line, true[port]))  # type: ignore[method-assign]
+            return end
+
+        patched.setattr(SEARCH, "Stream", partial(Stream, opening=opened))
+        yield made
+
+
 @pytest.mark.parametrize("kind", [kind for kind in GAUGES if "at" not in kind.split()])
 def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
-    with switched_on(kind) as unknown:
+    with simulated(kind, *[b"OUTPUT RS422\n"] * 2 * (kind == "micro_epsilon")) as unknown:
         unknown.hand.mm = {"g1": 0.125, "g2": 0.25} if kind != "micro_epsilon" else {"g1": -3.75, "g2": -2.5}
         reports = searched(*unknown.gauge_ports)
     found = [gauge for report in reports for gauge in report.gauges]
@@ -52,10 +111,9 @@ def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
 
 
 def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module("daq.discovery.search")  # its package has a function of the same name
-    monkeypatch.setattr(module, "is_built_in", lambda port: True)
+    monkeypatch.setattr(SEARCH, "is_built_in", lambda port: True)
     # private: the real limit is 20 s
-    monkeypatch.setattr(module, "_SILENT_S", 0.5)
+    monkeypatch.setattr(SEARCH, "_SILENT_S", 0.5)
     line = PtyLine.open(Line.model_validate("9600 8N1"))
     try:
         (report,) = searched(line.port)
@@ -76,10 +134,8 @@ def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> Non
 
 
 def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
-    with switched_on("sylvac") as unknown:
-        first, second = unknown.gauge_ports
-        make_it_stream(first, b"OUT1\r")
-        reports = searched(first, second)
+    with simulated("sylvac", b"OUT1\r") as unknown:
+        reports = searched(*unknown.gauge_ports)
     modes = [gauge.gauge.mode for report in reports for gauge in report.gauges]  # type: ignore[union-attr]
     assert modes == ["continuous", "polled"]
 
@@ -90,7 +146,7 @@ def of(interface: str, port: str) -> dict[str, list[Attempt]]:
 
 
 def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
-    with switched_on("micro_epsilon", streaming=False) as unknown:
+    with simulated("micro_epsilon") as unknown:
         port, _ = unknown.gauge_ports
         (listened,) = searched(port, named=of("micro_epsilon_ild1420", port))
         fields = {"interface": "micro_epsilon_ild1420", "port": port, "range_mm": 10, "zero_mm": 5}
@@ -101,14 +157,14 @@ def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
 
 
 def test_other_line_settings_are_tried_where_the_makers_do_not_fit() -> None:
-    with switched_on("keyence at 38400") as unknown:
+    with simulated("keyence at 38400") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("keyence_dl_rs1a", port))
     assert [str(gauge.gauge.line) for gauge in report.gauges] == ["38400 8N1"] * 2
 
 
 def test_a_modbus_unit_with_registers_of_its_own() -> None:
-    with switched_on("other registers at") as unknown:
+    with simulated("other registers at") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("modbus_map", port))
     assert report.problem == "modbus_map answers at 57600 8E1 with an error of its own"
@@ -116,7 +172,7 @@ def test_a_modbus_unit_with_registers_of_its_own() -> None:
 
 
 def test_a_modbus_unit_of_another_number() -> None:
-    with switched_on("modbus unit 7 at") as unknown:
+    with simulated("modbus unit 7 at") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(Wanted((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
     assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
@@ -212,11 +268,11 @@ def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
 
 
 def test_a_port_that_disappears_while_it_is_searched() -> None:
-    with switched_on("tesa") as unknown:
+    with simulated("tesa") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(
             Wanted((port,), listen_s=LISTEN_S),
-            lambda doing: unknown.cell.unplug("g1") if "tesa" in doing else None,
+            lambda doing: unknown.lines[port].unplug() if "tesa" in doing else None,
         )
     assert not report.gauges and report.problem and report.remedy
 
@@ -230,6 +286,7 @@ def _awaited(what: Callable[[], _One | None]) -> _One:
     return found
 
 
+@pytest.mark.real_time
 def test_the_gauge_that_is_pushed_is_seen() -> None:
     with switched_on("keyence") as unknown:
         (report,) = searched(*unknown.gauge_ports)
@@ -250,6 +307,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
     assert place == report.gauges[1].place and place.endswith("#2")
 
 
+@pytest.mark.real_time
 def test_a_gauge_that_is_lost_while_it_is_watched() -> None:
     with switched_on("tesa") as unknown:
         (report,) = searched(*unknown.gauge_ports)

@@ -52,7 +52,8 @@ def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
     capture, marks = read_capture(log), folder / "out-of-step.txt"
     replay = Replay.open(parse(text, "quick"), capture, marks, opening=lambda _, devices, **__: devices)
     played: Any = replay.cell  # what plays each stream, for the lines of a simulated cell
-    with SimulatedBench(folder, yaml.safe_dump(yaml.safe_load(text) | {"replay": str(marks)}), devices=played) as bench:
+    marked = yaml.safe_dump(yaml.safe_load(text) | {"replay": str(marks)})
+    with SimulatedBench(folder, marked, devices=played, paced=False) as bench:
         bench.start().all_reading()
         run = bench.record("lap", "acw")
         seconds = (capture.pieces[-1].at_ns - capture.pieces[0].at_ns) / 1e9
