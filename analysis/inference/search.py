@@ -133,8 +133,9 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        begun = (selection.initial_state if turn else selection.state_with)(effects, curves)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = selection.settled(*beginnings(selection.initial_state(effects, curves)))
+        state = selection.settled(*beginnings(begun))
         effects, curves = state.refined.effects, state.curves
         if selection.holds_for(state):
             break

@@ -40,7 +40,7 @@ from analysis.inference.state import (
 )
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import label_of, name_of, size_of
+from rigs.schema.effect import is_wave, label_of, name_of, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
@@ -126,6 +126,30 @@ class Selection:
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
         state = self._renewed(self._renewed(state))
         return self._renewed(self._with_curves(state, curves or JointCurves())) if self._shows_curves else state
+
+    def state_with(self, effects: Sequence[Effect], curves: JointCurves | None = None) -> SelectionState:
+        """Return a state with the given effects fitted, whatever size and shape they are given with.
+
+        An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
+        before it, the one that explains most first. Fitted from a small width, a play of 0.03° ended at 0.
+        """
+        left = [one for one in effects if one.FREE or (one.STRETCHED and not is_wave(one))]
+        state = self.initial_state([one for one in effects if one not in left], curves)
+        while left:
+            posterior = self.posterior(state)
+            gain = np.maximum(*self.gains(state, posterior))
+            best = {one: self._best_form(one, gain) for one in left}
+            effect = max(left, key=lambda one: -np.inf if best[one] is None else gain[best[one]])
+            left.remove(effect)
+            k = best[effect]
+            added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
+            state = self.settled(*beginnings(added))
+        return state
+
+    def _best_form(self, effect: Effect, gain: Array) -> int | None:
+        """Return the form of an effect's name with the largest gain, of (n,), or None where it has none."""
+        own = [k for k, form in enumerate(self.columns.forms) if is_same(form, effect) and np.isfinite(gain[k])]
+        return max(own, key=lambda k: gain[k], default=None)
 
     def _with_curves(self, state: SelectionState, start: JointCurves) -> SelectionState:
         """Return the state with the likeliest sizes of the curves of joints, searched from `start`."""
