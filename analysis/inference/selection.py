@@ -143,7 +143,7 @@ class Selection:
             left.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
-            state = self.settled(*beginnings(added))
+            state = self.settled(*beginnings(added)) if added.is_fault(-1) else self._renewed(added)
         return state
 
     def _best_form(self, effect: Effect, gain: Array) -> int | None:
