@@ -14,7 +14,8 @@ from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.joint_curves import JointCurves
 from analysis.inference.observation import ObservedRun
 from analysis.inference.responses import LEAST_MATERIAL_UM, Linearisation, basis_of, limits_um, linearise, plain_worth
-from analysis.inference.selection import RivalOdds, Selection, compare_with_rivals
+from analysis.inference.rivals import RivalOdds, compare_with_rivals
+from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
 from analysis.kinematics.arm import Array
