@@ -150,7 +150,7 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
 
 
 def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm: Array) -> Comparison:
-    run = replace(run, rig=model.rig)
+    run = run if run.rig == model.rig else replace(run, rig=model.rig)
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
     simulated = evaluate(
