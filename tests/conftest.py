@@ -4,6 +4,7 @@ repeated."""
 from __future__ import annotations
 
 import gc
+import os
 import re
 from collections.abc import Generator
 
@@ -14,6 +15,9 @@ from tests.support.stalls import Stalls
 
 pytest_plugins = ["tests.support.cpu_limit"]
 TRIES = 3
+_UNJUDGED = f"each of {TRIES} tries was held up, so nothing follows from it"
+MOST_UNJUDGED = 3
+"""Tests that may be held up in every try on the computer of continuous integration."""
 HELD_UP_S = 0.1
 """A shorter stall is no reason for a test that watches real time to fail, unless its marker says so. It is less than
 half the time-out of most emulated instruments."""
@@ -68,7 +72,19 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
         line = f"held up for {stalls.worst_s:.2f} s, then: " + str(error).partition("\n")[0]
         if item.execution_count < TRIES:  # type: ignore[attr-defined]
             raise HeldUpError(line) from error
-        pytest.skip(f"{item.name}: each of {TRIES} tries was held up, so nothing follows from it; the last {line}")
+        pytest.skip(f"{item.name}: {_UNJUDGED}; the last {line}")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]:
+    """Let continuous integration fail where more than a few tests could not be judged: they would be judged nowhere."""
+    yield
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    skipped = [str(report.longrepr) for report in terminal.getreports("skipped")] if terminal else []
+    unjudged = sum(_UNJUDGED in reason for reason in skipped)
+    if os.environ.get("CI") and unjudged > MOST_UNJUDGED:
+        terminal.write_line(f"{unjudged} tests could not be judged, more than {MOST_UNJUDGED}: that is a failure in CI")
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

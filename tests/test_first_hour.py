@@ -18,6 +18,7 @@ from rigs.rig import Rig
 from rigs.schema.limits import Limit
 from tests.support.bench import BIN, Bench
 from tests.support.live_terminal import Terminal
+from tests.support.nightly import cases
 from tests.support.person import Person
 from tests.support.simulated_bench import SimulatedBench
 from tests.support.unknown_cells import Pushed, cell_text, make_it_stream, named_robot
@@ -77,7 +78,7 @@ def test_the_page_lists_these_cells() -> None:
     assert list(counted()) == list(CELLS)
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", cases(CELLS, ("Keyence, UR", "Sylvac, FANUC line feed")))
 def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
     """The lap is driven in simulated time: by the instruments of the cell, with the rig file that was written."""
     gauges, robot = CELLS[name]

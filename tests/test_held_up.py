@@ -63,6 +63,26 @@ def test_it():
     assert said.count("test_it.py::test_it: tests.conftest.HeldUpError: held up for 0.") == 2, "why it was repeated"
 
 
+@pytest.mark.parametrize(("tests", "code"), [(3, 0), (4, 1)])
+def test_more_than_a_few_that_could_not_be_judged_are_a_failure_in_ci(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tests: int, code: int
+) -> None:
+    held_up = "".join(
+        f"""
+@pytest.mark.real_time(held_up_s=0)
+def test_{number}():
+    assert False
+"""
+        for number in range(tests)
+    )
+    monkeypatch.delenv("CI", raising=False)
+    assert "4 tests" not in _outcome(tmp_path, held_up)
+    monkeypatch.setenv("CI", "true")
+    said = _outcome(tmp_path, held_up)
+    assert f"{tests} skipped" in said
+    assert ("4 tests could not be judged, more than 3: that is a failure in CI" in said) is bool(code)
+
+
 @pytest.mark.parametrize(
     ("mark", "body"),
     [

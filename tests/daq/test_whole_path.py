@@ -13,6 +13,7 @@ from analysis.simulation.emulated_robot import EmulatedRobot, truth
 from rigs.load import load, load_hidden, parse
 from rigs.schema.vocabulary import Direction
 from tests.support.bench import Bench, rig_text
+from tests.support.nightly import cases
 from tests.support.simulated_bench import SimulatedBench
 
 
@@ -24,7 +25,7 @@ def _quick(gauges: str, laps: int) -> str:
 
 @pytest.mark.parametrize(
     ("gauges", "direction", "laps"),
-    [("keyence", "acw", 2), ("modbus", "cw", 1), ("polled", "acw", 2), ("tcp", "cw", 1)],
+    cases([("keyence", "acw", 2), ("modbus", "cw", 1), ("polled", "acw", 2), ("tcp", "cw", 1)], [("modbus", "cw", 1)]),
 )
 def test_laps_are_recorded_analysed_and_agree_with_the_truth(
     tmp_path: Path, gauges: str, direction: Direction, laps: int
@@ -66,7 +67,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
     assert served.effects == () and not any(served.tests.circle.eccentricity_mm), "rigd's rig file gives nothing away"
 
 
-@pytest.mark.parametrize("test", ["radial", "repeatability"])
+@pytest.mark.parametrize("test", cases(["radial", "repeatability"], ["repeatability"]))
 def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path: Path, test: str) -> None:
     data = yaml.safe_load(rig_text("keyence"))
     data["tests"]["hemisphere"] |= {"step_deg": 90, "orientations": 1, "visits": 1}
