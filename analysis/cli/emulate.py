@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,11 +11,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
-
-if TYPE_CHECKING:
-    from queue import SimpleQueue
-
-    from analysis.simulation.emulated_robot import EmulatedRobot
+from rigs.schema.vocabulary import Maker
 
 TRUTH, MARKS = "truth.json", "out-of-step.txt"
 """Files beside the rig file of an emulated cell, and of a replayed one."""
@@ -36,27 +32,46 @@ def emulate(
         "cell"
     ),
     effects: HiddenEffects = None,
+    programs: Annotated[
+        Path | None,
+        typer.Option(help="Directory of robot programs that the robot drives by name; default: none."),
+    ] = None,
+    maker: Annotated[
+        Maker | None,
+        typer.Option(
+            "--for",
+            help="Maker of the controller that drives --programs; default: that of the robot feedback in the rig file, "
+            "else that of the first program.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
     Writes rig.yaml, the rig file with these ports in it, for rigd; and
     truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
-    roll cw, radial or repeatability to start the robot's program, quit to end;
-    show speed_percent 40, and the like, changes what the robot shows of its
-    condition, not how it drives.
+    roll cw, radial or repeatability to start a program of its own, run NAME to
+    start one of --programs; stop, pause and go on, as a person at the robot;
+    enter FILE to enter what rig correct wrote into its controller; quit to
+    end. show speed_percent 40, and the like, changes what the robot shows of
+    its condition, not how it drives.
     """
     import json  # noqa: PLC0415
     import signal  # noqa: PLC0415
-    import threading  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
+    from analysis.cli.emulated_keyboard import Keyboard  # noqa: PLC0415
+    from analysis.emulation.pendant import Pendant  # noqa: PLC0415
     from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
     from daq.store import durable  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
 
+    if maker and programs is None:
+        raise UseError("--for", "is for the controller that drives --programs", "give --programs as well")
+    if programs is not None and not programs.is_dir():
+        raise FileError(str(programs), "is no directory", "give the directory that holds the programs")
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
     rig = load_hidden(effects).within(rig) if effects else rig
@@ -80,8 +95,9 @@ def emulate(
     try:
         for name, port in cell.ports.items():
             say(f"{name}: {port}")
-        say(f"ready; next: rigd {path}; then type here: {', '.join(PROGRAMS)} or quit")
-        threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
+        own = ", ".join(["run NAME"] if programs else PROGRAMS)
+        say(f"ready; next: rigd {path}; then type here: {own} or quit")
+        Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put).start()
         exit_code = ends.get()
     finally:
         sent = cell.stop()
@@ -99,32 +115,3 @@ def rig_file_of_cell(directory: Path) -> Path:
     if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
     return path
-
-
-def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
-    """Lines of standard input start programs, or `show COLUMN VALUE`; `quit`, or a keyboard's end, ends the cell."""
-    import sys  # noqa: PLC0415
-
-    from analysis.setup.dialogue import has_keyboard  # noqa: PLC0415
-    from rigs.errors import RigError  # noqa: PLC0415
-
-    for program in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
-        if program == "quit":
-            break
-        try:
-            if program.startswith("show "):
-                column, _, value = program.removeprefix("show ").strip().partition(" ")
-                robot.show(column, value.strip())
-                say(f"{column}: {value.strip()}")
-                continue
-            seconds = robot.start(program)
-        except RigError as error:
-            say(str(error))
-            continue
-        say(f"{program}: driving, {seconds:.1f} s")
-        robot.finished.wait()
-        say(f"{program}: done")
-    else:
-        if not has_keyboard():
-            return  # started without a keyboard: serve until a signal comes
-    ends.put(0)

@@ -1,4 +1,4 @@
-"""The robot of an emulated cell: stands, and drives its circle program on command.
+"""The robot of an emulated cell: stands, and drives a program on command; a person may stop or pause it.
 
 Between programs it is set to the start of the next at once; a person would take the link off for that.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, Literal
 
@@ -24,7 +24,7 @@ from daq import clock
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import CONDITION, PROGRAM, SAFETY, ProgramState, SafetyState, words_of
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _DWELL_S = 1.5
 """The stand at each target; a program for real gauges waits longer."""
@@ -32,14 +32,50 @@ _STAND_S = 1.0
 """Standing at the start before it moves, as a program waits for its controller."""
 
 
+_RAMP_S = 0.3
+"""Time in which a robot that is stopped or paused comes to rest on its path, and to its speed again. Chosen."""
+_LOOK_S = 0.02
+"""How often it is looked at whether a program is over."""
+State = Literal["drives", "waits", "paused", "stopped", "done"]
+"""What a program does: waits means that it waits for a person, as it was written to; done and stopped are over."""
+
+
 @dataclass(frozen=True)
 class Trace:
-    """One program run, noise-free. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k)."""
+    """One program run, noise-free. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k).
+
+    signals: from when on, s, the robot shows which number; holds_s: when the program waits for a person."""
 
     t_s: Array
     phi: Array
     q: Array
     g_mm: Array
+    signals: tuple[tuple[float, float], ...] = ()
+    holds_s: tuple[float, ...] = ()
+
+    @property
+    def end_s(self) -> float:
+        """How long the program takes, s, a person's part left out."""
+        return float(self.t_s[-1])
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How the time of a program passes: from begin_s at begin_ns, the rate going from `rate` to `wanted` evenly."""
+
+    begin_ns: int
+    begin_s: float
+    rate: float
+    wanted: float
+
+    def at(self, now_ns: int) -> tuple[float, float]:
+        """Return the program's time, s, and its rate."""
+        since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
+        ramp_s = _RAMP_S * abs(self.wanted - self.rate)
+        if since_s >= ramp_s:
+            return self.begin_s + (self.rate + self.wanted) / 2 * ramp_s + self.wanted * (since_s - ramp_s), self.wanted
+        rate = self.rate + (self.wanted - self.rate) * since_s / ramp_s
+        return self.begin_s + (self.rate + rate) / 2 * since_s, rate
 
 
 def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") -> Trace:
@@ -51,8 +87,14 @@ def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
     """A program that stops at the targets of the rig's hemisphere. Raises FileError where one is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
-    g_mm = np.repeat(readings_along(rig, test, t_s, q), len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
-    return Trace(t_s, np.empty(0), q, g_mm)
+    return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
+
+
+def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
+    """Return what the gauges, mounted for a test, read without noise, (n, k) mm, along angles q (n, 6) rad at t_s (n,)
+    s, which are reported as the arm was built."""
+    g_mm = readings_along(rig, test, t_s, q)
+    return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
@@ -75,8 +117,12 @@ class EmulatedRobot:
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
-        self._start_ns: int | None = None
-        self._number = 0
+        self._pace: _Pace | None = None
+        self._holds_s: tuple[float, ...] = ()
+        """When the program will wait for a person."""
+        self._stopped = False
+        self._signal_before = 0.0
+        """What the robot showed before the present program switched anything."""
         self._shown: dict[str, float] = {}
         """What a person made it show of its condition."""
         self.finished = clock.Event()
@@ -106,15 +152,28 @@ class EmulatedRobot:
             return joints
 
     def signal(self, now_ns: int) -> float:
-        """Number of the program that runs, 0 for none."""
+        """Number that the programs show: of the program that runs, 0 for none, unless one was stopped before its end."""
         with self._lock:
-            running = self._start_ns is not None and now_ns < self._start_ns + int(self._trace.t_s[-1] * 1e9)
-            return float(self._number if running else 0)
+            at_s = self._program_s(now_ns)[0]
+            shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
+            return shown[-1] if shown else self._signal_before
 
     def condition(self, now_ns: int) -> dict[str, float]:
         """What it shows of its condition, beyond that of a robot that drives undisturbed."""
-        program = ProgramState.RUNNING if self.signal(now_ns) else ProgramState.STOPPED
-        return {PROGRAM: float(program), **self._shown}
+        states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
+        return {PROGRAM: float(states.get(self.state(now_ns), ProgramState.STOPPED)), **self._shown}
+
+    def state(self, now_ns: int) -> State:
+        """What its program does; done before the first."""
+        with self._lock:
+            at_s, rate = self._program_s(now_ns)
+            if self._pace is None or (at_s >= self._trace.end_s and not self._holds_s):
+                return "done"
+            if self._stopped and not rate:
+                return "stopped"
+            if not self._stopped and not self._pace.wanted:
+                return "paused"
+            return "waits" if self._holds_s and at_s >= self._holds_s[0] else "drives"
 
     def show(self, column: str, value: str) -> None:
         """Show this from now on, whatever it drives. Raises FileError for what is no column, or no value of it."""
@@ -134,18 +193,71 @@ class EmulatedRobot:
         Raises FileError for an unknown name, or a program that this rig cannot drive.
         """
         driven = self._driven(program)
-        seconds = float(_STAND_S + driven.t_s[-1])
-        with self._lock:
-            self._trace = driven
-            self._number = 1 + PROGRAMS.index(program)
-            self._start_ns = clock.now_ns() + int(_STAND_S * 1e9)
-            self.finished.clear()
-        clock.Thread(target=self._stand_after, args=(seconds,), name="emulated robot", daemon=True).start()
-        return seconds
+        number = float(1 + PROGRAMS.index(program))
+        return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
 
-    def _stand_after(self, seconds: float) -> None:
-        clock.sleep(seconds)
+    def play(self, trace: Trace) -> float:
+        """Begin to drive a trace now, from its start at once; returns how many seconds it takes, a person's part left
+        out."""
+        now_ns = clock.now_ns()
+        before = self.signal(now_ns)
+        with self._lock:
+            self._trace, self._signal_before, self._stopped = trace, before, False
+            self._holds_s = tuple(sorted(trace.holds_s))
+            self._pace = _Pace(now_ns + int(_STAND_S * 1e9), 0.0, 1.0, 1.0)
+        self.finished.clear()
+        clock.Thread(target=self._watch, name="emulated program", daemon=True).start()
+        return _STAND_S + trace.end_s
+
+    def stop(self) -> bool:
+        """Stop the program in the middle, as a person does: the arm comes to rest on its path, the outputs stay as they
+        are. Returns whether a program ran."""
+        return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
+
+    def pause(self) -> bool:
+        """Pause the program: the arm comes to rest on its path. Returns whether a program drove."""
+        return self._at_rate(0.0, ("drives",))
+
+    def go_on(self) -> bool:
+        """Let a program go on that is paused, or waits for a person. Returns whether one did."""
+        now_ns = clock.now_ns()
+        if self.state(now_ns) != "waits":
+            return self._at_rate(1.0, ("paused",))
+        with self._lock:
+            self._pace = _Pace(now_ns, self._holds_s[0], 1.0, 1.0)
+            self._holds_s = self._holds_s[1:]
+        return True
+
+    def reads_more(self, more_rad: Array) -> None:
+        """Let each joint of the standing robot read so much more, (6,) rad: a zero was entered at its controller."""
+        with self._lock:
+            self._trace = replace(self._trace, q=self._trace.q + more_rad)
+
+    def _at_rate(self, wanted: float, states: Sequence[State], *, stops: bool = False) -> bool:
+        """Let the program's time pass at another rate, where the program is in one of these states."""
+        now_ns = clock.now_ns()
+        state = self.state(now_ns)
+        if state not in states:
+            return False
+        with self._lock:
+            at_s, rate = self._program_s(now_ns)
+            self._pace = _Pace(now_ns, at_s, 0.0 if state == "waits" else rate, wanted)
+            self._stopped = stops
+        return True
+
+    def _watch(self) -> None:
+        """Say when the program is over."""
+        while self.state(clock.now_ns()) not in ("done", "stopped"):
+            clock.sleep(_LOOK_S)
         self.finished.set()
+
+    def _program_s(self, now_ns: int) -> tuple[float, float]:
+        """The time of the program, s, and the rate at which it passes; the caller holds the lock."""
+        if self._pace is None:
+            return -_STAND_S, 0.0
+        at_s, rate = self._pace.at(now_ns)
+        until_s = min([self._trace.end_s, *self._holds_s[:1]])
+        return min(at_s, until_s), rate
 
     def _driven(self, program: str) -> Trace:
         match program:
@@ -158,8 +270,7 @@ class EmulatedRobot:
         raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
 
     def _at(self, now_ns: int, values: Array) -> Any:
-        since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9
-        t_s = self._trace.t_s
+        since_s, t_s = self._program_s(now_ns)[0], self._trace.t_s
         k = int(np.clip(np.searchsorted(t_s, since_s), 1, len(t_s) - 1))
         share = np.clip((since_s - t_s[k - 1]) / (t_s[k] - t_s[k - 1]), 0.0, 1.0)
         row: Any = values[k - 1] + share * (values[k] - values[k - 1])

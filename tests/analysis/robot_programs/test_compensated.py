@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.correction.correct import correct_rig
 from analysis.correction.target_path import read_corrected_path
+from analysis.emulation.machine import Event, Pose, Round, Stood, Straight, Waited
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of, drive, lap, radial_stops
 from analysis.kinematics.arm import arm_of, forward
@@ -37,7 +38,6 @@ from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
 from tests.support.interpreters.driven import paths, run
-from tests.support.interpreters.machine import Event, Pose, Round, Stood, Straight, Waited
 
 Tables = Callable[[DrivenTest], Path]
 

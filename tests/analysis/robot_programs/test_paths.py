@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation.machine import Array, Event, Held, Posture, Round, Stood, Waited
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of, circle_program, hemisphere_of, radial_stops, repeatability_stops
 from analysis.robot_programs.examine import Demand, demand_of
@@ -23,7 +24,6 @@ from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import along, paths, run, stops
 from tests.support.interpreters.joints import postures
-from tests.support.interpreters.machine import Array, Event, Held, Posture, Round, Stood, Waited
 
 DWELL_S = 4.0
 PLACE_MM = {"yaskawa": 5e-3}

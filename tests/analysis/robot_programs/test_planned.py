@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from analysis.emulation.machine import Held, Shown, Switched
 from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import demand_lines, demand_of
 from analysis.robot_programs.plan import Hold, Plan, Signal
@@ -22,7 +23,6 @@ from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.driven import run
-from tests.support.interpreters.machine import Held, Shown, Switched
 
 RULES = [
     {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},

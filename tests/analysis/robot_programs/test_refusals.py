@@ -7,13 +7,13 @@ from functools import lru_cache
 
 import pytest
 
+from analysis.emulation.machine import ProgramError
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import rig_of
 from tests.support.interpreters.driven import SUFFIX, run
-from tests.support.interpreters.machine import ProgramError
 
 MARKS = {
     "ur": [r"\(", r"\)", r",", r"\[", r"\]", r":\n", r"=", r"\nend\n", r"movec", r"def ", r"\n[a-z]\w+\(\)\n"],

@@ -13,11 +13,11 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation.machine import Array, Flange, Pose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose
 from tests.support.independent_arm import Constants, Wrong, flange
-from tests.support.interpreters.machine import Array, Flange, Pose
 
 ARMS = ("ur10e", "paper-fanuc", "kuka-hanging")
 _KUKA = """

@@ -5,34 +5,20 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation.machine import Array, Event, Machine, Round, Stood, Straight
+from analysis.emulation.program_files import interpret
 from rigs.rig import Rig
-from tests.support.interpreters import fanuc_tp, inform, krl, rapid, urscript
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import flange_of, pose_of
-from tests.support.interpreters.machine import Array, Event, Machine, ProgramError, Round, Stood, Straight
 
 SUFFIX = {"ur": ".script", "fanuc": ".LS", "kuka": ".src", "abb": ".mod", "yaskawa": ".JBI"}
 """Of the file that has the motion."""
 
 
-def run(dialect: str, files: dict[str, str], rig: Rig) -> list[Event]:
+def run(dialect: Maker, files: dict[str, str], rig: Rig) -> list[Event]:
     """What the arm of a rig does with a program; its files by name. Raises ProgramError for one that is refused."""
     machine = Machine(flange_of(rig), pose_of(rig.robot.tool) if dialect == "yaskawa" else None)
-    (name,) = (name for name in files if name.endswith(SUFFIX[dialect]))
-    text = files[name]
-    try:
-        match dialect:
-            case "ur":
-                urscript.run(text, machine)
-            case "fanuc":
-                fanuc_tp.run(text, machine)
-            case "kuka":
-                krl.run(text, files[name.replace(".src", ".dat")], machine)
-            case "abb":
-                rapid.run(text, machine)
-            case "yaskawa":
-                inform.run(text, machine)
-    except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise ProgramError(f"{type(error).__name__}: {error}") from error
+    interpret(dialect, files, machine)
     return machine.events
 
 

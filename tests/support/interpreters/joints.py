@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation.machine import Array, Event, Pose, Posture, Round, Stood, Straight
 from rigs.rig import Rig
 from tests.support.interpreters.arms import flange_of, pose_of
-from tests.support.interpreters.machine import Array, Event, Pose, Posture, Round, Stood, Straight
 
 _SAMPLES = np.linspace(0, 1, 13)[1:]
 """Along a move of 90° at most, so that the joints change by less than 10° between two."""

@@ -15,6 +15,7 @@ import pytest
 from analysis.correction.corrected_program import CorrectedProgram, correct_program
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.support import supports
+from analysis.emulation.machine import Event, Pose, Round, Stood, Straight
 from analysis.robot_programs.compensated import targets_of
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
@@ -25,7 +26,6 @@ from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
 from tests.support.independent_arm import Array
 from tests.support.interpreters.arms import pose_of, rig_of
 from tests.support.interpreters.driven import SUFFIX, run
-from tests.support.interpreters.machine import Event, Pose, Round, Stood, Straight
 
 CASES: list[tuple[Maker, str]] = [
     ("ur", "ur10e"),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Held, Machine, Pose, ProgramError, Switched, Waited
+from analysis.emulation.machine import Held, Machine, Pose, ProgramError, Speed, Switched, Turning
 
 _TOKEN = re.compile(
     r"(?P<skip>\s+|![^\n]*)|(?P<number>-?\d+(\.\d+)?(E\d+)?)|(?P<text>\"[^\"]*\")|(?P<name>[A-Za-z]\w*)"
@@ -53,6 +53,7 @@ class _Tokens:
 
 
 def run(text: str, machine: Machine) -> None:
+    """Drive the machine with a module. Raises ProgramError for one that is refused."""
     if "\r\n" not in text or any(len(line) > 250 for line in text.split("\r\n")):
         raise ProgramError("lines end with CR LF and have 250 characters at most")
     tokens = _Tokens(list(_tokens(text)))
@@ -140,7 +141,8 @@ def _instruction(tokens: _Tokens) -> list[str]:
 class _Controller:
     def __init__(self, data: dict[str, Any], machine: Machine) -> None:
         self._data, self._machine = data, machine
-        self._free_posture = self._by_path = self._limited = False
+        self._free_posture = self._by_path = False
+        self._mm_s2 = 0.0
 
     def do(self, words: list[str]) -> None:
         match words:
@@ -149,9 +151,9 @@ class _Controller:
             case ["CirPathMode", "\\", "PathFrame" | "ObjectFrame" as frame]:
                 self._by_path = frame == "PathFrame"
             case ["PathAccLim", "TRUE", "\\", "AccMax", ":=", up, ",", "TRUE", "\\", "DecelMax", ":=", down]:
-                self._limited = float(up) >= 0.1 and float(down) >= 0.1
+                self._mm_s2 = 1000 * min(float(up), float(down)) if min(float(up), float(down)) >= 0.1 else 0.0
             case ["WaitTime", "\\", "InPos", ",", seconds]:
-                self._machine.events.append(Waited(float(seconds)))
+                self._machine.wait(float(seconds))
             case ["SetDO", signal, ",", "0" | "1" as state]:
                 self._machine.events.append(Switched(signal, state == "1"))
             case ["Stop"]:
@@ -172,22 +174,30 @@ class _Controller:
         match words:
             case ["MoveAbsJ", target, "\\", "NoEOffs", ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
-                self._of(speed, "speeddata")
-                self._machine.joints(np.radians(self._of(target, "jointtarget")[0]))
+                self._machine.joints(np.radians(self._of(target, "jointtarget")[0]), self._limits(speed))
             case ["MoveL", target, ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
-                self._machine.line(self._pose(target), self._of(speed, "speeddata")[0], stops=True)
+                self._machine.line(self._pose(target), self._mm_s(speed), stops=True, speed=self._limits(speed))
             case ["MoveC", via, ",", end, ",", speed, ",", "fine" | "z0" as zone, ",", *frames]:
                 self._frames(frames)
-                turning = "relative to path" if self._by_path else "even"
-                mm_s = self._of(speed, "speeddata")[0]
-                place = self._pose(via).place
-                self._machine.arc(place, self._pose(end), mm_s, turning=turning, stops=zone == "fine")
+                turning: Turning = "relative to path" if self._by_path else "even"
+                place, at, stops = self._pose(via).place, self._pose(end), zone == "fine"
+                limits = self._limits(speed)
+                self._machine.arc(place, at, self._mm_s(speed), turning=turning, stops=stops, speed=limits)
             case _:
                 raise ProgramError(f"{' '.join(words)} is not an instruction")
 
+    def _mm_s(self, name: str) -> float:
+        return float(self._of(name, "speeddata")[0])
+
+    def _limits(self, name: str) -> Speed:
+        mm_s, deg_s, *_ = self._of(name, "speeddata")
+        if not (mm_s > 0 and deg_s > 0):
+            raise ProgramError(f"{name} is no speed")
+        return Speed(mm_s=mm_s, rad_s=np.radians(deg_s), mm_s2=self._mm_s2)
+
     def _frames(self, words: list[str]) -> None:
-        if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._limited):
+        if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._mm_s2):
             raise ProgramError(f"{' '.join(words)}: a move needs tool and work object, ConfL and PathAccLim before it")
         held, frame, load = self._of(words[0], "tooldata")
         if not held or load[0] <= 0 or not np.any(load[1]):

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Held, Machine, Pose, Posture, ProgramError, Switched, Waited
+from analysis.emulation.machine import Held, Machine, Pose, Posture, ProgramError, Speed, Switched
 
 _HEAD = [
     r"/JOB",
@@ -37,6 +37,7 @@ _MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=
 
 
 def run(text: str, machine: Machine) -> None:
+    """Drive the machine with a job. Raises ProgramError for one that is refused."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     *lines, last = text.split("\r\n")
@@ -99,18 +100,18 @@ class _Controller:
         if found[1] == "MOVJ":
             if not found[3] or not 0 < float(found[3]) <= 100:
                 raise ProgramError("a joint move has a speed VJ in percent")
-            self._machine.go(pose)
+            self._machine.go(pose, Speed(share=float(found[3]) / 100))
         elif found[5]:
             self._machine.turn(pose, np.radians(float(found[5])))
         else:
-            self._machine.line(pose, self._speed(found[4]), stops=bool(found[6]))
+            self._machine.line(pose, self._speed(found[4]), stops=bool(found[6]), speed=Speed())
 
     def _act(self, line: str) -> None:
         if line.startswith("'"):
             if len(line) > 1 + 32:
                 raise ProgramError(f"the comment {line!r} is longer than 32 characters")
         elif found := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
-            self._machine.events.append(Waited(float(found[1])))
+            self._machine.wait(float(found[1]))
         elif found := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
             self._machine.events.append(Switched(int(found[1]), found[2] == "ON"))
         elif line == "PAUSE":
@@ -124,10 +125,10 @@ class _Controller:
             return
         if len(chain) < 3:
             raise ProgramError("an arc needs three MOVC")
-        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2])
+        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2], speed=Speed())
         for number in range(1, len(chain) - 1, 2):
             via, (end, speed, stops) = chain[number][0], chain[number + 1]
-            self._machine.arc(via.place, end, speed, turning="even", stops=stops)
+            self._machine.arc(via.place, end, speed, turning="even", stops=stops, speed=Speed())
         if len(chain) % 2 == 0:
             raise ProgramError("this interpreter wants whole arcs")
 

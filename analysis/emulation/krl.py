@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Held, Machine, Pose, ProgramError, Switched, Waited
+from analysis.emulation.machine import Held, Machine, Pose, ProgramError, Speed, Switched, Turning
 
 _TOKEN = re.compile(
     r"\s+|(?P<number>-?\d+(\.\d+)?)|(?P<text>\"[^\"]*\")|(?P<enum>#[A-Z]+)|(?P<name>[$A-Za-z_][\w$]*(\.CP|\.CDIS|\.ORI[12])?)"
@@ -23,6 +23,7 @@ _CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 
 
 def run(source: str, data: str, machine: Machine) -> None:
+    """Drive the machine with a module, its source and its data list. Raises ProgramError for one that is refused."""
     name, statements = _inside(source, "DEF", "END", r"(\w+)\(\)")
     listed, declarations = _inside(data, "DEFDAT", "ENDDAT", r"(\w+)")
     if name != listed:
@@ -117,14 +118,15 @@ class _Controller:
     def _moves(self, tokens: list[str]) -> bool:
         match tokens:
             case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
-                self._machine.joints(self._at(name))
+                self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
             case ["LIN", name] if isinstance(self._at(name), Pose):
-                self._machine.line(self._at(name), self._speed_mm_s(), stops=True)
+                self._machine.line(self._at(name), self._speed_mm_s(), stops=True, speed=self._limits())
             case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
                 related = self._settings["$CIRC_TYPE"] == "#PATH" and self._settings["$ORI_TYPE"] == "#VAR"
-                turning = "relative to path" if related else "even"
+                turning: Turning = "relative to path" if related else "even"
                 stops = not (zone and self._settings["$APO.CDIS"] > 0)
-                self._machine.arc(self._at(via).place, self._at(end), self._speed_mm_s(), turning=turning, stops=stops)
+                place, target, mm_s = self._at(via).place, self._at(end), self._speed_mm_s()
+                self._machine.arc(place, target, mm_s, turning=turning, stops=stops, speed=self._limits())
             case _:
                 return False
         return True
@@ -138,6 +140,10 @@ class _Controller:
         if self._settings.get("$BASE") != "$ROBROOT" or self._settings["$ACC.CP"] <= 0:
             raise ProgramError("a path needs its base and its acceleration")
         return 1000 * float(self._settings["$VEL.CP"])
+
+    def _limits(self) -> Speed:
+        turning = self._settings.get("$VEL.ORI1")
+        return Speed(mm_s2=1000 * self._settings["$ACC.CP"], rad_s=turning and np.radians(turning))
 
     def _sets(self, tokens: list[str]) -> bool:
         match tokens:
@@ -156,7 +162,7 @@ class _Controller:
     def _acts(self, tokens: list[str]) -> bool:
         match tokens:
             case ["WAIT", "SEC", seconds]:
-                self._machine.events.append(Waited(float(seconds)))
+                self._machine.wait(float(seconds))
             case ["$OUT", "[", number, "]", "=", "TRUE" | "FALSE" as state]:
                 self._machine.events.append(Switched(int(number), state == "TRUE"))
             case ["HALT"]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Array, Held, Machine, Pose, Posture, ProgramError, Switched, Waited
+from analysis.emulation.machine import Array, Held, Machine, Pose, Posture, ProgramError, Speed, Switched
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,35}")
 _NUMBER = r"(-?\d*\.?\d+)"
@@ -38,6 +38,7 @@ class _Position:
 
 
 def run(text: str, machine: Machine) -> None:
+    """Drive the machine with a program. Raises ProgramError for one that is refused."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     found = _HEADER.fullmatch(text.replace("\r\n", "\n"))
@@ -47,7 +48,7 @@ def run(text: str, machine: Machine) -> None:
 
 
 def _lines(text: str) -> list[str]:
-    lines, at = [], 0
+    lines, at = list[str](), 0
     while at < len(text):
         found = _LINE.match(text, at)
         if not found or int(found[1]) != len(lines) + 1 or ";" in found[2]:
@@ -101,14 +102,15 @@ class _Controller:
             position = self._at(found[1])
             if position.q is None or not 1 <= int(found[2]) <= 100:
                 raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
-            self._machine.joints(position.q)
+            self._machine.joints(position.q, Speed(share=int(found[2]) / 100))
         elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec FINE", line):
-            self._machine.line(self._pose_at(found[1]), float(found[2]), stops=True)
+            self._machine.line(self._pose_at(found[1]), float(found[2]), stops=True, speed=Speed())
         elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
             self._machine.turn(self._pose_at(found[1]), np.radians(float(found[2])))
         elif found := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
             via, end = self._pose_at(found[1]), self._pose_at(found[2])
-            self._machine.arc(via.place, end, float(found[3]), turning="even", stops=found[4] == "FINE")
+            stops, speed_mm_s = found[4] == "FINE", float(found[3])
+            self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
         return bool(found)
 
     def _sets(self, line: str) -> bool:
@@ -127,7 +129,7 @@ class _Controller:
 
     def _acts(self, line: str) -> bool:
         if found := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
-            self._machine.events.append(Waited(float(found[1])))
+            self._machine.wait(float(found[1]))
         elif found := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
             self._machine.events.append(Switched(int(found[1]), found[2] == "ON"))
         elif found := re.fullmatch(r"  PAUSE", line):

@@ -20,6 +20,12 @@ Flange = Callable[[Array], tuple[Array, Array]]
 Turning = Literal["fixed to path", "relative to path", "even", "angles"]
 """How a controller turns the tool along an arc: fixed to the path from where it stands; from beginning to end relative
 to the path; about one axis in space; or each of its three angles by itself."""
+_FARTHEST_MM = 1e5
+"""No arm reaches a tenth of it; a number beyond is a slip."""
+_FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
+"""Arms on which a gauge is mounted are slower by far."""
+_SAME_MM, _SAME_RAD = 1e-6, 1e-9
+"""What two poses may differ by and be one: rounding."""
 
 
 class ProgramError(Exception):
@@ -39,38 +45,71 @@ class Posture:
 
 @dataclass(frozen=True)
 class Pose:
+    """Where a tool is: place (3,) mm and its turn in the base frame, and the posture of the arm where it is stated."""
+
     place: Array
     turn: Rotation
     posture: Posture | None = None
 
 
 @dataclass(frozen=True)
+class Speed:
+    """What a move may not exceed, None for what its language does not say.
+
+    share: of the greatest speed of each axis, 0 to 1; axis_rad_s, axis_rad_s2: of the fastest joint; mm_s, rad_s: of
+    the tool along its way and as it turns; mm_s2: its acceleration; seconds: what the move takes, whatever else is
+    said.
+    """
+
+    share: float | None = None
+    axis_rad_s: float | None = None
+    axis_rad_s2: float | None = None
+    mm_s: float | None = None
+    rad_s: float | None = None
+    mm_s2: float | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
 class Stood:
-    """A joint move, or one to a pose, that ended here."""
+    """A joint move with a tool that ended here, at joint angles q (6,) rad or at a pose."""
 
     pose: Pose
     q: Array | None
+    tool: Pose
+    speed: Speed
 
 
 @dataclass(frozen=True)
 class Straight:
+    """A move of a tool on a line, the tool turning evenly; stops: the tool stands at its end. Speed in mm/s."""
+
     begin: Pose
     end: Pose
     speed_mm_s: float
     stops: bool
+    tool: Pose
+    speed: Speed
 
     @property
     def length_mm(self) -> float:
+        """The length of the way in mm."""
         return float(np.linalg.norm(self.end.place - self.begin.place))
 
+    @property
+    def turned_rad(self) -> float:
+        """By how much the tool turns, in rad."""
+        return float((self.end.turn * self.begin.turn.inv()).magnitude())
+
     def at(self, share: Array) -> tuple[Array, Rotation]:
+        """Return places (n, 3) mm and orientations at shares (n,) of the way."""
         places = self.begin.place + share[:, None] * (self.end.place - self.begin.place)
         return places, _evenly(self.begin.turn, self.end.turn, share)
 
 
 @dataclass(frozen=True)
 class Round:
-    """An arc about a unit axis (3,) through a centre (3,), by an angle in rad."""
+    """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad; stops as of a line."""
 
     begin: Pose
     end: Pose
@@ -80,12 +119,21 @@ class Round:
     turning: Turning
     speed_mm_s: float
     stops: bool
+    tool: Pose
+    speed: Speed
 
     @property
     def length_mm(self) -> float:
+        """The length of the arc in mm."""
         return self.angle * float(np.linalg.norm(self.begin.place - self.centre))
 
+    @property
+    def turned_rad(self) -> float:
+        """By how much the way turns, in rad."""
+        return self.angle
+
     def at(self, share: Array) -> tuple[Array, Rotation]:
+        """Return places (n, 3) mm and orientations at shares (n,) of the arc."""
         around = Rotation.from_rotvec(self.angle * share[:, None] * self.axis)
         return self.centre + around.apply(self.begin.place - self.centre), self._turned(around, share)
 
@@ -106,17 +154,23 @@ class Round:
 
 @dataclass(frozen=True)
 class Waited:
+    """The robot stood for so many seconds."""
+
     seconds: float
 
 
 @dataclass(frozen=True)
 class Switched:
+    """A digital output was switched."""
+
     output: int | str
     on: bool
 
 
 @dataclass(frozen=True)
 class Shown:
+    """A whole number was written to an output register."""
+
     register: int
     value: int
 
@@ -135,7 +189,8 @@ def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
 
 
 def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
-    """Centre, axis and angle of the arc from a through b to c: the point of the plane that is as far from each."""
+    """Return centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c: the point of their
+    plane that is as far from each. Raises ProgramError for places of which no arc leads."""
     normal = np.cross(b - a, c - b)
     if np.linalg.norm(normal) < 1e-6:
         raise ProgramError("the points of an arc lie on a line")
@@ -154,49 +209,84 @@ class Machine:
 
     def __init__(self, flange: Flange, tool: Pose | None = None) -> None:
         self._flange = flange
-        self.tool = tool
+        self._tool = tool
         self.events: list[Event] = []
         self._pose: Pose | None = None
 
     @property
     def pose(self) -> Pose:
+        """Where the tool is. Raises ProgramError before the program has moved to a first place."""
         if self._pose is None:
             raise ProgramError("the program moves on a path before it has been anywhere")
         return self._pose
 
-    def joints(self, q: Array) -> None:
-        if q.shape != (6,) or not np.isfinite(q).all():
-            raise ProgramError(f"{q} are not six joint angles")
-        if self.tool is None:
+    @property
+    def tool(self) -> Pose:
+        """The tool in the flange's frame. Raises ProgramError before there is one."""
+        if self._tool is None:
             raise ProgramError("the program moves before it has a tool")
+        return self._tool
+
+    @tool.setter
+    def tool(self, tool: Pose) -> None:
+        old, self._tool = self._tool, _finite(tool)
+        if old and self._pose and not _same(old, tool):
+            turn = self._pose.turn * old.turn.inv()
+            self._pose = Pose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
+
+    def joints(self, q: Array, speed: Speed) -> None:
+        """Move to joint angles q (6,) rad and stop there."""
+        if np.shape(q) != (6,) or not np.isfinite(q).all():
+            raise ProgramError(f"{q} are not six joint angles")
         matrix, place = self._flange(q)
         turn = Rotation.from_matrix(matrix)
         self._pose = Pose(place + turn.apply(self.tool.place), turn * self.tool.turn)
-        self.events.append(Stood(self._pose, q))
+        self.events.append(Stood(self._pose, q, self.tool, speed))
 
-    def go(self, pose: Pose) -> None:
-        self._pose = pose
-        self.events.append(Stood(pose, None))
+    def go(self, pose: Pose, speed: Speed) -> None:
+        """Move all joints together to a pose and stop there."""
+        self._pose = _finite(pose)
+        self.events.append(Stood(pose, None, self.tool, speed))
 
-    def line(self, pose: Pose, speed_mm_s: float, *, stops: bool) -> None:
-        self.events.append(Straight(self.pose, pose, _speed(speed_mm_s), stops))
+    def line(self, pose: Pose, speed_mm_s: float, *, stops: bool, speed: Speed) -> None:
+        """Move the tool on a line to a pose, at a speed in mm/s along it."""
+        self.events.append(Straight(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
         self._pose = pose
 
     def turn(self, pose: Pose, speed_rad_s: float) -> None:
-        """About the tool's origin; a speed of turning is no speed for a way."""
-        if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < 10:
+        """Turn about the tool's origin to a pose; a speed of turning in rad/s is no speed for a way."""
+        if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < _FASTEST_RAD_S:
             raise ProgramError("a turn has the speed of a turn, and no way")
-        self.line(pose, 1.0, stops=True)
+        self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=Speed(rad_s=speed_rad_s))
 
-    def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool) -> None:
+    def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: Speed) -> None:
+        """Move the tool on the arc through a place `via` (3,) mm to a pose, at a speed in mm/s."""
         begin = self.pose
-        centre, axis, angle = circle_through(begin.place, via, end.place)
-        driven = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops)
-        self.events.append(driven)
-        self._pose = Pose(end.place, driven.at(np.ones(1))[1][0])
+        centre, axis, angle = circle_through(begin.place, via, _finite(end).place)
+        way = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops, self.tool, speed)
+        self.events.append(way)
+        self._pose = Pose(end.place, way.at(np.ones(1))[1][0])
+
+    def wait(self, seconds: float) -> None:
+        """Stand for so many seconds."""
+        if not 0 <= seconds < np.inf:
+            raise ProgramError(f"{seconds} s is no time to wait")
+        self.events.append(Waited(seconds))
+
+
+def _same(one: Pose, other: Pose) -> bool:
+    return bool(
+        np.abs(one.place - other.place).max() < _SAME_MM and (one.turn.inv() * other.turn).magnitude() < _SAME_RAD
+    )
+
+
+def _finite(pose: Pose) -> Pose:
+    if not np.abs(pose.place).max() < _FARTHEST_MM or not np.isfinite(pose.turn.as_quat()).all():
+        raise ProgramError(f"{pose.place} mm is no place of an arm")
+    return pose
 
 
 def _speed(speed_mm_s: float) -> float:
-    if not 0 < speed_mm_s < 3000:
+    if not 0 < speed_mm_s < _FASTEST_MM_S:
         raise ProgramError(f"{speed_mm_s} mm/s is no speed of a robot")
     return speed_mm_s

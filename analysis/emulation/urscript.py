@@ -6,19 +6,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Held, Machine, Pose, ProgramError, Shown, Switched, Waited
+from analysis.emulation.machine import Held, Machine, Pose, ProgramError, Shown, Speed, Switched, Turning
 
 _TOKEN = re.compile(
     r'(?P<skip>[ \t]+|#[^\n]*)|(?P<end>\n)|(?P<number>-?\d+(\.\d+)?)|(?P<text>"[^"\n]*")|(?P<pose>p\[)'
     r"|(?P<name>[A-Za-z_]\w*)|(?P<mark>[\[\](),=:])"
 )
-PARAMETERS = {
+_PARAMETERS = {
     "set_tcp": ("pose",),
     "movej": ("q", "a", "v", "t", "r"),
     "movel": ("pose", "a", "v", "t", "r"),
@@ -30,7 +30,7 @@ PARAMETERS = {
     "set_tool_digital_out": ("n", "b"),
     "write_output_integer_register": ("address", "value"),
 }
-OUTPUTS = {"set_standard_digital_out": (0, 8), "set_configurable_digital_out": (8, 8), "set_tool_digital_out": (16, 2)}
+_OUTPUTS = {"set_standard_digital_out": (0, 8), "set_configurable_digital_out": (8, 8), "set_tool_digital_out": (16, 2)}
 """The number of the first as RTDE counts them, and how many there are."""
 
 
@@ -72,6 +72,7 @@ class _Call:
 
 
 def run(text: str, machine: Machine) -> None:
+    """Drive the machine with a script. Raises ProgramError for one that is refused."""
     tokens = _Tokens(list(_tokens(text)))
     tokens.blank()
     tokens.take("def")
@@ -102,9 +103,9 @@ def run(text: str, machine: Machine) -> None:
 
 def _call(tokens: _Tokens) -> _Call:
     call = _Call(tokens.take("name"))
-    if call.name not in PARAMETERS:
+    if call.name not in _PARAMETERS:
         raise ProgramError(f"{call.name} is not known")
-    names = PARAMETERS[call.name]
+    names = _PARAMETERS[call.name]
     tokens.take("(")
     while tokens.peek()[1] != ")":
         if call.arguments:
@@ -147,23 +148,36 @@ def _do(call: _Call, machine: Machine) -> None:
         case "set_tcp":
             machine.tool = given["pose"]
         case "movej":
-            machine.joints(given["q"])
+            speed = Speed(axis_rad_s=_above_0(given.get("v", 1.05)), axis_rad_s2=_above_0(given.get("a", 1.4)))
+            machine.joints(given["q"], replace(speed, seconds=given.get("t") or None))
         case "movel":
-            given.setdefault("v", 0.25)  # the manual's default; with t the time decides
-            machine.line(given["pose"], 1000 * given["v"], stops=not given.get("r", 0.0))
+            speed_mm_s = 1000 * given.get("v", 0.25)
+            machine.line(given["pose"], speed_mm_s, stops=not given.get("r", 0.0), speed=_on_path(given))
         case "movec":
-            turning = "fixed to path" if given.get("mode", 0.0) == 1 else "even"
+            turning: Turning = "fixed to path" if given.get("mode", 0.0) == 1 else "even"
             stops = not given.get("r", 0.0)
-            machine.arc(given["pose_via"].place, given["pose_to"], 1000 * given["v"], turning=turning, stops=stops)
+            speed_mm_s, via = 1000 * given.get("v", 0.25), given["pose_via"].place
+            machine.arc(via, given["pose_to"], speed_mm_s, turning=turning, stops=stops, speed=_on_path(given))
         case "sleep":
-            machine.events.append(Waited(given["t"]))
+            machine.wait(given["t"])
         case "popup":
             if given.get("blocking"):
                 machine.events.append(Held())
         case "write_output_integer_register":
             machine.events.append(Shown(int(given["address"]), int(given["value"])))
         case name:
-            first, count = OUTPUTS[name]
+            first, count = _OUTPUTS[name]
             if not 0 <= given["n"] < count:
                 raise ProgramError(f"{name} has no output {given['n']}")
             machine.events.append(Switched(first + int(given["n"]), given["b"]))
+
+
+def _on_path(given: dict[str, Any]) -> Speed:
+    """The manual's default of an acceleration is 1.2 m/s²; with t the time decides."""
+    return Speed(mm_s2=1000 * _above_0(given.get("a", 1.2)), seconds=given.get("t") or None)
+
+
+def _above_0(value: float) -> float:
+    if not 0 < value < np.inf:
+        raise ProgramError(f"{value} is no speed and no acceleration")
+    return value

@@ -1,0 +1,110 @@
+"""What a person types at `rig emulate`: a line starts a program, stops it, or changes the robot; each answer is a line.
+
+stop, pause, go on and show act at once. What begins something (a program, entering parameters, the end) waits until the
+program before it is over, so that lines can be typed, or piped, ahead.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from queue import SimpleQueue
+
+from analysis.cli.console import say
+from analysis.emulation.pendant import Pendant
+from analysis.setup.dialogue import has_keyboard
+from analysis.simulation.emulated_robot import EmulatedRobot, State
+from daq import clock
+from rigs.errors import RigError, UseError
+
+_LOOK_S = 0.02
+"""How often it is looked at what a program does."""
+_SAID: dict[State, str] = {
+    "waits": "waits for a person; type go on",
+    "paused": "paused",
+    "drives": "goes on",
+    "stopped": "stopped",
+    "done": "done",
+}
+
+
+class Keyboard:
+    """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end."""
+
+    def __init__(self, robot: EmulatedRobot, pendant: Pendant | None, end: Callable[[int], None]) -> None:
+        self._robot, self._pendant, self._end = robot, pendant, end
+        self._waiting: SimpleQueue[str | None] = SimpleQueue()
+
+    def start(self) -> None:
+        """Begin to read standard input."""
+        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._begin_in_turn, daemon=True).start()
+
+    def _read(self) -> None:
+        for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
+            word = line.split()[0]
+            if word in ("stop", "pause", "show") or line == "go on":
+                _try(self._at_once, line)
+            else:
+                self._waiting.put(line)
+        if has_keyboard():
+            self._waiting.put(None)  # without one: serve until a signal comes
+
+    def _begin_in_turn(self) -> None:
+        while (line := self._waiting.get()) not in (None, "quit"):
+            _try(self._begin, str(line))
+        self._end(0)
+
+    def _at_once(self, line: str) -> None:
+        word, _, rest = line.partition(" ")
+        if word == "show":
+            column, _, value = rest.strip().partition(" ")
+            self._robot.show(column, value.strip())
+            say(f"{column}: {value.strip()}")
+            return
+        done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
+        if done is None:
+            raise UseError(repr(line), "is no command", "type stop, pause or go on")
+        if not done():
+            what = "no program waits or is paused" if line == "go on" else "no program drives"
+            raise UseError(line, what, "start one with run NAME")
+
+    def _begin(self, line: str) -> None:
+        word, _, name = line.partition(" ")
+        if word == "enter":
+            count, more_rad = self._with_programs().enter(Path(name.strip()))
+            self._robot.reads_more(more_rad)
+            say(f"{name.strip()}: entered, {count} parameters")
+            return
+        if word == "run":
+            name = name.strip()
+            seconds = self._robot.play(self._with_programs().trace(name))
+        elif self._pendant and self._pendant.controller:
+            raise UseError(line, "does not know the parameters that were entered", "start a program with run NAME")
+        else:
+            name, seconds = line, self._robot.start(line)
+        say(f"{name}: driving, {seconds:.1f} s")
+        self._watch(name)
+
+    def _with_programs(self) -> Pendant:
+        if self._pendant is None:
+            raise UseError("rig emulate", "has no programs", "start it with --programs DIRECTORY")
+        return self._pendant
+
+    def _watch(self, name: str) -> None:
+        """Say each change of what the program does, until it is over."""
+        before: State = "drives"
+        while before not in ("done", "stopped"):
+            if (state := self._robot.state(clock.now_ns())) != before:
+                before = state
+                say(f"{name}: {_SAID[state]}")
+            clock.sleep(_LOOK_S)
+
+
+def _try(act: Callable[[str], None], line: str) -> None:
+    try:
+        act(line)
+    except RigError as error:
+        say(f"error: {error}")

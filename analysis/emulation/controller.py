@@ -1,0 +1,157 @@
+"""The emulated controller of one maker: its model of the arm, and the parameters that a person can enter.
+
+A controller reads each joint by a zero of its own, and computes poses by constants of its own. Both begin as the rig
+file has them; entered corrections change them, so that the same program leads elsewhere. Names and units are those of
+the makers, and how a reading follows from them is written here from the maker's formula, apart from the code that
+writes corrections:
+
+- KUKA masters an axis so that it reads $MAMES at its notch.
+- FANUC and Yaskawa read (count - count at zero) / counts per degree, ABB (motor angle - offset) / gear ratio.
+- Universal Robots adds delta_theta, delta_a, delta_d and delta_alpha to its constants, and reads what it read.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Maker
+
+COUNTS_PER_DEG = 3000.0
+"""Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""
+GEAR_RATIO = 100.0
+"""Of each axis of an emulated arm: degrees of the motor per degree of the axis. Chosen."""
+_SAME_SIZE = 1e-3
+"""A length that stands at the controller is the one that is meant within so many mm: it is written with six digits."""
+_Field = Literal["reading", "offset", "a", "d", "alpha"]
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A parameter by its name at the controller; {axis} is the number of a joint, from 1. field: what of the arm it
+    changes, by `factor` mm or rad for each unit; later: by how many axes the rig file has it later; axis: from 1, where
+    the name has none; grows: the length grows, whichever its sign."""
+
+    name: str
+    unit: str
+    field: _Field
+    factor: float
+    later: int = 0
+    axis: int = 0
+    grows: bool = False
+
+    def axis_of(self, name: str) -> int | None:
+        """Return the axis of the rig file, from 1, where this is its name."""
+        found = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
+        return (self.axis or int(found[1]) + self.later) if found else None
+
+
+_READING = _Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
+"""For a person who has no counts per degree: the reading is set to another value by whatever the maker's menus offer."""
+_PARAMETERS: dict[Maker, tuple[_Parameter, ...]] = {
+    "ur": (
+        _Parameter("delta_theta[{axis}]", "rad", "offset", 1.0),
+        _Parameter("delta_a[{axis}]", "m", "a", 1e3, later=1),
+        _Parameter("delta_alpha[{axis}]", "rad", "alpha", 1.0, later=1),
+        _Parameter("delta_d[{axis}]", "m", "d", 1e3),
+    ),
+    "fanuc": (
+        _READING,
+        _Parameter("$DMR_GRP[1].$MASTER_COUN[{axis}]", "counts", "reading", -math.radians(1) / COUNTS_PER_DEG),
+        _Parameter("$PARAM_GROUP[1].$DH_A[{axis}]", "mm", "a", 1.0, later=1, grows=True),
+        _Parameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
+    ),
+    "kuka": (
+        _Parameter("$MAMES[{axis}]", "deg", "reading", math.radians(1)),
+        _Parameter("$LENGTH_A", "mm", "a", 1.0, axis=2, grows=True),
+        _Parameter("$LENGTH_B", "mm", "a", 1.0, axis=3, grows=True),
+        _Parameter("height in $TX3P3", "mm", "a", 1.0, axis=4, grows=True),
+        _Parameter("length in $TX3P3", "mm", "d", 1.0, axis=4, grows=True),
+        _Parameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
+    ),
+    "abb": (_READING, _Parameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
+    "yaskawa": (
+        _READING,
+        _Parameter("home position (ABSO data) of axis {axis}", "pulses", "reading", -math.radians(1) / COUNTS_PER_DEG),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A controller as it stands: arm, as it computes poses; reads_more (6,) rad: by how much each joint reads more than
+    the joint of the arm that left the factory did at the same place."""
+
+    maker: Maker
+    arm: Arm
+    reads_more: Array
+
+    @classmethod
+    def of_rig(cls, rig: Rig, maker: Maker) -> Controller:
+        """Return the controller of a rig's arm with nothing entered: it knows none of the effects."""
+        return cls(maker, arm_of(rig.robot), np.zeros(6))
+
+    def flange(self, q: Array) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and place (3,) mm of the flange in the robot's base, at joint angles q (6,) rad."""
+        T = forward(self.with_tool(np.eye(4)), q[None])[0]
+        return T[:3, :3], T[:3, 3]
+
+    def with_tool(self, T_flange_tool: Array) -> Arm:
+        """Return the arm as the controller computes it, in its own base, with a tool's frame (4, 4) in mm."""
+        return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
+
+    def entered(self, corrections: Any, where: str) -> Controller:
+        """Return the controller after a person has entered the parameters of `rig correct`'s corrections.yaml or JSON,
+        as read from there. Raises FileError for what is none, is for another maker, or names what is not here."""
+        found = corrections.get("controller") if isinstance(corrections, Mapping) else None
+        entries = found.get("entries") if isinstance(found, Mapping) else None
+        if not isinstance(found, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
+            what = "has no entries for a controller"
+            raise FileError(where, what, f"write it with rig correct --controller {self.maker}")
+        if found.get("name") != self.maker:
+            what = f"is for a controller of {found.get('name')!r}, and this one is of {self.maker!r}"
+            raise FileError(where, what, f"write it with rig correct --controller {self.maker}")
+        changed = self
+        for number, entry in enumerate(entries, start=1):
+            changed = changed._with(entry, self, f"{where}, entry {number}")
+        return changed
+
+    def _with(self, entry: Any, before: Controller, where: str) -> Controller:
+        name, add, unit, now = (entry.get(key) if isinstance(entry, Mapping) else None for key in _KEYS)
+        known = [(one, axis) for one in _PARAMETERS[self.maker] if (axis := one.axis_of(str(name)))]
+        if not known or known[0][1] > 6:
+            what = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
+            raise FileError(where, what, "give the file as rig correct wrote it")
+        parameter, axis = known[0]
+        if (
+            unit != parameter.unit
+            or isinstance(add, bool)
+            or not isinstance(add, int | float)
+            or not math.isfinite(add)
+        ):
+            what = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
+            raise FileError(where, what, "give the file as rig correct wrote it")
+        change = parameter.factor * add
+        if parameter.grows:
+            stands = float(getattr(before.arm, parameter.field)[axis - 1])
+            if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):
+                what = f"{name} is {abs(stands):g} mm at this controller, and the file takes it for {now:g} mm"
+                raise FileError(where, what, "leave out what was entered before, or correct again from the nominal arm")
+            change *= np.sign(stands)
+        one = np.zeros(6)
+        one[axis - 1] = change
+        if parameter.field == "reading":
+            return replace(self, reads_more=self.reads_more + one)
+        arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + one})
+        return replace(self, arm=arm)
+
+
+_KEYS = ("parameter", "add", "unit", "now")
