@@ -55,7 +55,7 @@ class _Parameter:
 
 
 _READING = _Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
-"""For a person who has no counts per degree: the reading is set to another value by whatever the maker's menus offer."""
+"""For a person who has no counts per degree: the reading is set by whatever the maker's menus offer."""
 _PARAMETERS: dict[Maker, tuple[_Parameter, ...]] = {
     "ur": (
         _Parameter("delta_theta[{axis}]", "rad", "offset", 1.0),
@@ -131,12 +131,7 @@ class Controller:
             what = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
             raise FileError(where, what, "give the file as rig correct wrote it")
         parameter, axis = known[0]
-        if (
-            unit != parameter.unit
-            or isinstance(add, bool)
-            or not isinstance(add, int | float)
-            or not math.isfinite(add)
-        ):
+        if unit != parameter.unit or type(add) not in (int, float) or not math.isfinite(add):
             what = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
             raise FileError(where, what, "give the file as rig correct wrote it")
         change = parameter.factor * add

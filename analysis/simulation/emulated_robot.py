@@ -152,7 +152,7 @@ class EmulatedRobot:
             return joints
 
     def signal(self, now_ns: int) -> float:
-        """Number that the programs show: of the program that runs, 0 for none, unless one was stopped before its end."""
+        """Number of the program that runs, 0 for none, unless one was stopped before its end."""
         with self._lock:
             at_s = self._program_s(now_ns)[0]
             shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
