@@ -45,8 +45,8 @@ _MM_PER_RAD = 500.0
 """What a tool that only turns is counted as: the size of an arm."""
 _MOST_SAMPLES = 3_000_000
 """A program of an hour has a tenth of it."""
-_STANDS = 1e-9
-"""Less than this, in mm or rad, is no move."""
+_STANDS = 1e-6
+"""Less than this, in mm or rad, is no move: a program has so many decimals."""
 _FULL_TURN = 2 * np.pi
 
 

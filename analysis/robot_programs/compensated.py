@@ -110,7 +110,9 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
             if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
                 yield _line(plan, there, end, _AFTER_TURN_MM_S)
         case Line(target, speed_mm_s):
-            yield _line(plan, begin, new[id(target)], speed_mm_s)
+            end = new[id(target)]
+            on_the_spot = end is begin  # the line to the start, for a controller that is elsewhere at its joint angles
+            yield replace(step, target=end) if on_the_spot else _line(plan, begin, end, speed_mm_s)
         case JointMove(target):
             yield replace(step, target=new[id(target)])
 

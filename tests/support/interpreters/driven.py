@@ -13,6 +13,8 @@ from tests.support.interpreters.arms import flange_of, pose_of
 
 SUFFIX = {"ur": ".script", "fanuc": ".LS", "kuka": ".src", "abb": ".mod", "yaskawa": ".JBI"}
 """Of the file that has the motion."""
+ROUNDING = 1e-6
+"""mm and rad by which a line to where the arm stands already may move it, from the decimals of a program."""
 
 
 def run(dialect: Maker, files: dict[str, str], rig: Rig) -> list[Event]:
@@ -38,7 +40,7 @@ def along(pieces: list[Straight | Round], distance_mm: Array) -> tuple[Array, Ro
 
 def paths(events: list[Event]) -> list[Straight | Round]:
     """The lines and arcs that have a length."""
-    return [event for event in events if isinstance(event, Straight | Round) and event.length_mm > 1e-9]
+    return [event for event in events if isinstance(event, Straight | Round) and event.length_mm > ROUNDING]
 
 
 def stops(events: list[Event]) -> tuple[Array, Rotation]:
@@ -49,6 +51,6 @@ def stops(events: list[Event]) -> tuple[Array, Rotation]:
 
 def _ends(event: Event) -> bool:
     if isinstance(event, Straight | Round):
-        moves = event.length_mm > 1e-9 or (event.begin.turn.inv() * event.end.turn).magnitude() > 1e-9
+        moves = event.length_mm > ROUNDING or (event.begin.turn.inv() * event.end.turn).magnitude() > ROUNDING
         return event.stops and moves
     return isinstance(event, Stood)
