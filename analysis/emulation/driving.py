@@ -39,6 +39,8 @@ _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [
 a line even less; joint moves are straight anyway."""
 _MM_S2 = 500.0
 """Acceleration of the tool where the language does not state it. Chosen: gentle, as near a gauge."""
+_RAD_S = 1.0
+"""Speed of the tool's turning where the language does not state it. Chosen."""
 _TO_SPEED_S = 0.3
 """Time in which a joint move comes to its speed where the language does not state it. Chosen."""
 _MM_PER_RAD = 500.0
@@ -176,7 +178,7 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     share = np.linspace(0, 1, count + 1)[1:]
     turns = move.turned_rad if isinstance(move, Straight) else 0.0
     length = move.length_mm if move.length_mm > turns else _MM_PER_RAD * turns
-    seconds = max(move.length_mm / move.speed_mm_s, turns / (move.speed.rad_s or np.inf))
+    seconds = max(move.length_mm / move.speed_mm_s, turns / (move.speed.rad_s or _RAD_S))
     acceleration = move.speed.mm_s2 or _MM_S2
     each = np.full(count, length / count)
     return _frames(*move.at(share)), each, np.full(count, length / seconds), np.full(count, acceleration)

@@ -237,7 +237,7 @@ class Machine:
     def joints(self, q: Array, speed: Speed) -> None:
         """Move to joint angles q (6,) rad and stop there."""
         if np.shape(q) != (6,) or not np.isfinite(q).all():
-            raise ProgramError(f"{q} are not six joint angles")
+            raise ProgramError("a joint move has no six joint angles")
         matrix, place = self._flange(q)
         turn = Rotation.from_matrix(matrix)
         self._pose = Pose(place + turn.apply(self.tool.place), turn * self.tool.turn)

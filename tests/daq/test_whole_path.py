@@ -56,7 +56,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
         bench.start().all_reading()
         assert (
             keyboard("somersault")
-            == "'somersault': is not a program; type acw, cw, roll acw, roll cw, radial, repeatability or quit"
+            == "error: 'somersault': is not a program; type acw, cw, roll acw, roll cw, radial, repeatability or quit"
         )
         before = bench.status()["streams"]["robot"]["last"]["q1_deg"]
         assert keyboard("acw").startswith("acw: driving, ")
@@ -65,6 +65,50 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
     assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1] and len(planted["effects"]) == 4
     served, _ = load(bench.rig)
     assert served.effects == () and not any(served.tests.circle.eccentricity_mm), "rigd's rig file gives nothing away"
+
+
+@pytest.mark.real_time
+def test_the_command_emulate_drives_programs_and_takes_what_rig_correct_wrote(tmp_path: Path) -> None:
+    """The signal of the program starts and ends a run; a person stops another; what was entered changes the circle."""
+    data = yaml.safe_load(load("ur10e")[1])
+    data["feedback"]["signal"] = {"int_register": 3}
+    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 60}
+    whens = [("acw", 1), ("cw", 2)]
+    data["automatic"] = {"rules": [{"test": "yaw", "direction": way, "when": {"signal": at}} for way, at in whens]}
+    found = {"date": "2026-11-20", "runs": ["yaw-acw-001"], "sd": {"offset_deg": 0.002}}
+    hidden = {"effect": "joint_offset", "axis": 2, "offset_deg": -0.08}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
+    (tmp_path / "known.yaml").write_text(yaml.safe_dump(data | {"effects": [hidden | {"found": found}]}))
+    (tmp_path / "hidden.yaml").write_text(yaml.safe_dump({"effects": [hidden]}))
+    with Bench(tmp_path) as bench:
+        for words in (
+            "program own.yaml --for ur --test yaw -o programs",
+            "correct known.yaml --controller ur -o found",
+        ):
+            assert bench.run("rig", *words.split()).returncode == 0
+        options = ("--programs", "programs", "--effects", "hidden.yaml")
+        with bench.emulating("own.yaml", *options) as keyboard:
+            bench.rig = tmp_path / "cell" / "rig.yaml"
+            bench.socket = bench.socket.with_name(f"{data['name']}.sock")
+            bench.start().all_reading()
+            assert keyboard("run somersault").startswith("error: 'somersault': is none of the programs in programs")
+            for _ in range(2):
+                assert keyboard("run yaw_acw_ur10e").startswith("yaw_acw_ur10e: driving, ")
+                assert keyboard("") == "yaw_acw_ur10e: done"
+                bench.until(lambda state: state["recording"] is None)
+                if not (tmp_path / "entered").exists():
+                    assert keyboard("enter found/corrections.yaml") == "found/corrections.yaml: entered, 1 parameters"
+                    (tmp_path / "entered").touch()
+            assert keyboard("run yaw cw ur10e").startswith("yaw cw ur10e: driving, ")
+            bench.until(lambda state: state["recording"] is not None)
+            assert keyboard("stop") == "yaw cw ur10e: stopped"
+            assert keyboard("acw").startswith("error: acw: does not know the parameters that were entered")
+        bands = []
+        for run in sorted((tmp_path / "runs").glob("*acw*")):
+            done = bench.run("rig", "analyse", run, "--json")
+            assert done.returncode == 0, done.stderr
+            bands += [one["figures"]["band_deg"]["value"] for one in json.loads(done.stdout)["runs"]]
+        assert len(bands) == 2 and bands[1] < 0.3 * bands[0]
 
 
 @pytest.mark.parametrize("test", cases(["radial", "repeatability"], ["repeatability"]))
