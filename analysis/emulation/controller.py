@@ -28,7 +28,7 @@ from rigs.schema.vocabulary import Maker
 COUNTS_PER_DEG = 3000.0
 """Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""
 GEAR_RATIO = 100.0
-"""Of each axis of an emulated arm: degrees of the motor per degree of the axis. Chosen."""
+"""An axis of an emulated arm turns by a degree while its motor turns by so many. Chosen."""
 _SAME_SIZE = 1e-3
 """A length that stands at the controller is the one that is meant within so many mm: it is written with six digits."""
 _Field = Literal["reading", "offset", "a", "d", "alpha"]
@@ -131,10 +131,11 @@ class Controller:
             what = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
             raise FileError(where, what, "give the file as rig correct wrote it")
         parameter, axis = known[0]
-        if unit != parameter.unit or type(add) not in (int, float) or not math.isfinite(add):
+        number = isinstance(add, int | float) and not isinstance(add, bool) and math.isfinite(add)
+        if unit != parameter.unit or not number:
             what = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
             raise FileError(where, what, "give the file as rig correct wrote it")
-        change = parameter.factor * add
+        change = parameter.factor * float(add or 0.0)
         if parameter.grows:
             stands = float(getattr(before.arm, parameter.field)[axis - 1])
             if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):

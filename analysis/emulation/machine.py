@@ -98,7 +98,7 @@ class Straight:
 
     @property
     def turned_rad(self) -> float:
-        """By how much the tool turns, in rad."""
+        """The angle by which the tool turns, in rad."""
         return float((self.end.turn * self.begin.turn.inv()).magnitude())
 
     def at(self, share: Array) -> tuple[Array, Rotation]:
@@ -129,7 +129,7 @@ class Round:
 
     @property
     def turned_rad(self) -> float:
-        """By how much the way turns, in rad."""
+        """The angle by which the way turns, in rad."""
         return self.angle
 
     def at(self, share: Array) -> tuple[Array, Rotation]:

@@ -21,7 +21,7 @@ _MAKERS: dict[str, Maker] = {
     ".mod": "abb",
     ".jbi": "yaskawa",
 }
-"""By the suffix of the file that has the motion."""
+"""The makers by the suffix of the file that has the motion."""
 _MOST_BYTES = 10_000_000
 """A program with a hundred thousand targets is below it; controllers hold less."""
 _SHORTEST = 8

@@ -199,7 +199,7 @@ def _plan(
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
     # A controller whose zeros or constants were corrected is elsewhere at the same joint angles: the line goes to the
     # place itself, and is of no length where nothing was.
-    approach = [JointMove(start, _APPROACH_RAD_S), Line(start, _APPROACH_MM_S, q=np.stack([start.q] * 2))]
+    approach: list[Step] = [JointMove(start, _APPROACH_RAD_S), Line(start, _APPROACH_MM_S, q=np.stack([start.q] * 2))]
     steps = [*approach, *hold, Dwell(_STAND_S), *begin, *motion, *end, Dwell(_STAND_S)]
     return Plan(
         name=" ".join(filter(None, [test, direction, rig.name])),
