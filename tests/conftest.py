@@ -95,4 +95,4 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def _real_time(item: pytest.Item) -> pytest.Mark | None:
     """The marker of a test that watches real time."""
-    return item.get_closest_marker("real_time") or item.get_closest_marker("alone")
+    return item.get_closest_marker("real_time")

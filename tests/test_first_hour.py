@@ -106,7 +106,6 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
     assert rig.tests.circle is not None
 
 
-@pytest.mark.alone  # an instrument that is held up for a part of the lap has it refused
 @pytest.mark.real_time(match="the lap has no data from")
 def test_the_lap_of_a_real_daemon_is_reported(tmp_path: Path) -> None:
     robot = EmulatedRobot.of_rig(parse(text := cell_text("keyence", "ur"), "unknown"), seed=3)

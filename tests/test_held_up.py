@@ -3,6 +3,7 @@ was."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -20,16 +21,17 @@ def stand_still():
 """
 
 
-def _outcome(folder: Path, test: str, *options: str) -> str:
-    """What pytest prints of a test that `tests/conftest.py` watches."""
+def _outcome(folder: Path, test: str, *options: str, **env: str) -> str:
+    """What pytest prints of a test that `tests/conftest.py` watches. env: variables beside the present ones."""
     (folder / "test_it.py").write_text(STOPPED + test)
     command = [sys.executable, "-m", "pytest", "-p", "tests.conftest", "-p", "no:cacheprovider", "-c"]
     command += [ROOT / "pyproject.toml", "--rootdir", folder, folder / "test_it.py", *options]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=100)
-    return done.stdout + done.stderr
+    variables = {name: value for name, value in os.environ.items() if name != "CI"} | env
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=100, env=variables)
+    return f"{done.stdout}{done.stderr}\nended with {done.returncode}"
 
 
-@pytest.mark.parametrize("mark", ["alone", "real_time", "real_time(held_up_s=0.02)"])
+@pytest.mark.parametrize("mark", ["real_time", "real_time(held_up_s=0.02)"])
 def test_a_failure_after_a_stall_is_repeated(tmp_path: Path, mark: str) -> None:
     said = _outcome(
         tmp_path,
@@ -64,8 +66,9 @@ def test_it():
 
 
 @pytest.mark.parametrize(("tests", "code"), [(3, 0), (4, 1)])
+@pytest.mark.parametrize("workers", ["0", "2"])
 def test_more_than_a_few_that_could_not_be_judged_are_a_failure_in_ci(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tests: int, code: int
+    tmp_path: Path, tests: int, code: int, workers: str
 ) -> None:
     held_up = "".join(
         f"""
@@ -75,11 +78,10 @@ def test_{number}():
 """
         for number in range(tests)
     )
-    monkeypatch.delenv("CI", raising=False)
-    assert "4 tests" not in _outcome(tmp_path, held_up)
-    monkeypatch.setenv("CI", "true")
     said = _outcome(tmp_path, held_up)
-    assert f"{tests} skipped" in said
+    assert "4 tests" not in said and said.endswith("ended with 0")
+    said = _outcome(tmp_path, held_up, "-n", workers, CI="true")
+    assert f"{tests} skipped" in said and said.endswith(f"ended with {code}")
     assert ("4 tests could not be judged, more than 3: that is a failure in CI" in said) is bool(code)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.bench import BIN
 
-pytestmark = pytest.mark.alone  # every sample counts at full pace
+pytestmark = pytest.mark.real_time  # every sample counts at full pace
 
 SCRIPT = Path(__file__).parents[2] / "dev" / "pace.py"
 

@@ -52,7 +52,7 @@ def cpu_limit(limit_s: float) -> Generator[None, None, None]:
 
 def _limited(item: pytest.Item) -> AbstractContextManager[None]:
     """What limits each phase of a test."""
-    if item.get_closest_marker("real_time") or item.get_closest_marker("alone"):
+    if item.get_closest_marker("real_time"):
         return nullcontext()
     marker = item.get_closest_marker("cpu_limit")
     return cpu_limit(float(marker.args[0]) if marker else CPU_LIMIT_S)

@@ -32,7 +32,7 @@ from tests.support.replugging import KINDS, Clockwork, replug, wrong
 from tests.support.simulated_clock import SimulatedClock
 
 
-@pytest.mark.alone  # nothing but the outage may be wrong
+@pytest.mark.real_time  # nothing but the outage may be wrong
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) -> None:
     found = replug(tmp_path, kind, 1, seed=3)

@@ -144,7 +144,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 
 
-@pytest.mark.alone  # no stall but the one that is made
+@pytest.mark.real_time  # no stall but the one that is made
 def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()

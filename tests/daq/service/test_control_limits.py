@@ -164,7 +164,7 @@ def fill() -> list[int]:
     return taken
 
 
-@pytest.mark.alone  # a run beside a flood has no stalls
+@pytest.mark.real_time  # a run beside a flood has no stalls
 @pytest.mark.skipif(not shutil.which("prlimit"), reason="prlimit is not installed (package util-linux)")
 @pytest.mark.parametrize("limit", [1024, 128])
 def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int) -> None:
