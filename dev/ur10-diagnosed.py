@@ -1,8 +1,9 @@
 """The findings of `rig diagnose` in a real UR10 (Fraunhofer IPA, laser tracker), judged on poses left out.
 
 For each series and fold: names and a healthy arm's share of everything from the poses of four fifths of the
-neighbourhoods in joint space, then the frozen model on the fifth that had no part in it, beside the nominal arm and an
-ordinary calibration of 24 parameters. Then names from a whole series, frozen on the others, measured months apart.
+neighbourhoods in joint space, then the frozen model on the fifth that had no part in it, beside the nominal arm and a
+least-squares fit of 24 parameters by another solver. Then names from a whole series, frozen on the others, measured
+months apart.
 """
 
 from __future__ import annotations
@@ -15,11 +16,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from ur10 import DATA, FIT, read
+from ur10 import DATA, read
 
 from analysis.inference.budget import effect_changes
-from analysis.inference.calibrate import calibrate
-from analysis.inference.estimate import fit
 from analysis.inference.observation import ObservedRun, observe_run
 from analysis.inference.responses import worth
 from analysis.inference.search import SearchResult, search
@@ -31,7 +30,9 @@ from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
+from tests.support.independent_arm import Peer, Seen, constants_of, least_squares_fit
 
+ARM = constants_of("ur10")
 LISTED = 12
 """Healthy shares that are printed, the most worth first."""
 
@@ -57,6 +58,16 @@ def told(pairs: list[tuple[str, float]]) -> str:
     return ", ".join(f"{name} {um:.0f} µm" for name, um in pairs) or "none"
 
 
+def seen_of(run: ObservedRun) -> Seen:
+    """The poses of a run, for the other solver."""
+    return Seen(run.one.table.q[run.one.rows], run.one.values)
+
+
+def plain_of(run: ObservedRun) -> Peer:
+    """Zeros, and a, alpha and d of each axis, by least squares of another solver."""
+    return least_squares_fit(ARM, seen_of(run), "joint_offset,link_geometry")
+
+
 def in_own_setup(run: ObservedRun, name: str) -> ObservedRun:
     """A run of another series, whose instrument stood elsewhere."""
     return replace(run, one=replace(run.one, setup=f"{run.one.setup} of {name}"))
@@ -71,10 +82,10 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
     for k in range(only or folds):
         begin = time.perf_counter()
         (used,), (left_out,) = without_a_fold([seen], folds, k)
-        plain = calibrate(rig, [used.one], [left_out.one], FIT)
+        plain_mm = plain_of(used).held_out_mm(ARM, seen_of(left_out), again=False)
         look = search([used], lambda doing: None)
         after = gap([left_out], stages_of([used], look), look, [series])
-        rows.append((len(left_out.one.rows), plain.before_mm[1], plain.after_mm[1], 1e-3 * after.calibrated_um))
+        rows.append((len(left_out.one.rows), 1e-3 * after.before_um, plain_mm, 1e-3 * after.calibrated_um))
         own = faults(look, used)
         names.update(name for name, _ in own)
         print(
@@ -97,15 +108,15 @@ def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable])
     print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: faults {told(faults(look, seen))}")
     print(f"  a healthy arm's share of everything, at {look.state.level:.2f} times its size: "
           f"{told(shares_of(look)[:LISTED])}")  # fmt: skip
-    plain = calibrate(rig, [seen.one], [], FIT).after.model.effects
+    plain = plain_of(seen)
     stages = stages_of([seen], look)
     for name, other in others.items():
         there = observe_run(model_of(rig), other, f"series {name}")
-        figures = [fit(model_of(rig, effects), [there.one]).rms_mm for effects in ((), plain)]
+        plain_mm = plain.held_out_mm(ARM, seen_of(there), again=True)
         after = gap([in_own_setup(there, name)], stages, look, [name])
         print(
-            f"  frozen, on series {name.upper()}, set-up fitted: nominal {figures[0]:.3f}, 24 DH parameters "
-            f"{figures[1]:.3f}, diagnosed {1e-3 * after.calibrated_um:.3f} mm rms",
+            f"  frozen, on series {name.upper()}, set-up fitted: nominal {1e-3 * after.before_um:.3f}, 24 DH "
+            f"parameters {plain_mm:.3f}, diagnosed {1e-3 * after.calibrated_um:.3f} mm rms",
             flush=True,
         )
 

@@ -6,6 +6,7 @@ anything else that reaches a person as a traceback is a bug.
 
 from __future__ import annotations
 
+import re
 from typing import Any, Literal
 
 from rigs.text import plain
@@ -86,3 +87,19 @@ class CellError(RigError):
     """The cell does not answer as it should: a port, a gauge, the robot, the daemon."""
 
     exit_code = 4
+
+
+_IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
+"""What pydantic, by which typer reads values, says of how it found a mistake."""
+
+
+def wrong_use(error: Any, program: str) -> UseError | None:
+    """Return the error of a person who typed what typer refuses (a TyperException); None for a group of commands
+    without a command, whose help is printed already."""
+    what = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
+    what = what.replace("Input should be", "it must be")
+    if not what:
+        return None
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else program
+    return UseError(command, what, f"see {command} --help")

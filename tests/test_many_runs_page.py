@@ -43,6 +43,7 @@ def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> N
     assert re.search(r"robot-002 +yaw +4 ", done.stdout), done.stdout
 
 
+@pytest.mark.nightly  # the stores are tested by tests/analysis/cli/test_remote_stores.py in each commit
 def test_every_command_over_a_store_runs(work: Path, tmp_path: Path) -> None:
     for package in ("s3fs", "boto3", "moto", "sshfs", "asyncssh"):
         pytest.importorskip(package, reason=f"{package} is not installed: pip install s3fs sshfs 'moto[server]'")

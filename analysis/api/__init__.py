@@ -219,7 +219,7 @@ def calibrate(
 
     Source: docs/calibration.md.
     """
-    from analysis.inference.calibrate import given_effects  # noqa: PLC0415
+    from analysis.inference.given import given_effects  # noqa: PLC0415
 
     given = None if effects is None else given_effects(effects)
     return _diagnosed(runs, rig, hold_out, unseen, progress, None, given)

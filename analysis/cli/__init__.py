@@ -6,7 +6,6 @@ import errno
 import gc
 import io
 import os
-import re
 import sys
 import warnings
 from typing import Annotated, NoReturn
@@ -15,9 +14,9 @@ import typer
 from typer.exceptions import TyperException
 
 from analysis.batch.outcomes import is_numerical
-from analysis.cli.commands import Group, with_the_command_of
+from analysis.cli.commands import HELP, Group, with_the_command_of
 from analysis.cli.console import say_error
-from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.errors import CellError, FileError, RigError, wrong_use
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0
 
@@ -33,14 +32,12 @@ _GARBAGE = 100_000
 """Objects after which Python looks for garbage. Imports make tens of thousands that stay: looked through at every 700,
 as Python has it, they cost a tenth of the time that a small run takes (0.80 of 0.89 s of CPU, measured)."""
 
-_IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
-"""What pydantic, by which typer reads values, says of how it found a mistake."""
-
 _INTERRUPTED = 130
 """What a shell expects of a program that Ctrl-C ended."""
 
 app = typer.Typer(
     cls=Group,
+    context_settings=HELP,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
@@ -57,7 +54,8 @@ def main() -> None:
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)
     try:
-        sys.exit(with_the_command_of(app, sys.argv[1:])(standalone_mode=False))
+        words = sys.argv[1:] or ["--help"]
+        sys.exit(with_the_command_of(app, words)(words, standalone_mode=False))
     except TyperException as error:
         _wrong_use(error)
     except typer.Abort:
@@ -105,14 +103,10 @@ def _fail(error: RigError) -> NoReturn:
 
 
 def _wrong_use(error: TyperException) -> NoReturn:
-    """Report wrong use of a command in one line; typer would frame it, whatever a file's name puts into the frame."""
-    what = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
-    what = what.replace("Input should be", "it must be")
-    if not what:  # a group without a command: its help is printed already
+    told = wrong_use(error, "rig")
+    if told is None:
         sys.exit(2)
-    context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "rig"
-    _fail(UseError(command, what, f"see {command} --help"))
+    _fail(told)
 
 
 def _version(asked: bool) -> None:

@@ -15,6 +15,8 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.main import get_command_name
 from typer.models import CommandInfo
 
+HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+"""The names of the help of every command."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -34,11 +36,34 @@ class Command(TyperCommand):
         return _with_plain_flags(super().get_params(ctx))
 
 
+JOBS = {
+    "Set up": ("example", "init", "check", "doctor", "interfaces", "arms", "import-urdf", "circle", "ball"),
+    "Measure": ("session", "plan", "program", "record", "automatic", "live", "status", "emulate", "replay"),
+    "Understand": ("analyse", "report", "diagnose", "compare", "simulate", "history", "fleet", "paper"),
+    "Correct": ("calibrate", "correct"),
+    "Look after runs and daemon": ("runs", "verify", "recover", "relabel", "keep", "logs", "metrics"),
+    "Exchange": ("import", "export", "export-urdf"),
+}
+"""The commands by what a person wants to do, in the order of the work."""
+_JOB_OF = {name: job for job, names in JOBS.items() for name in names}
+
+
 class Group(TyperGroup):
-    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set.
+    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set; the
+    commands of `rig` are listed by job.
 
     rich respects that variable for tables and help; typer's own `echo` does not, but asks the context.
     """
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        order = list(_JOB_OF)
+        return sorted(super().list_commands(ctx), key=lambda name: order.index(name) if name in order else len(order))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        found = super().get_command(ctx, cmd_name)
+        if found is not None and ctx.parent is None and cmd_name in _JOB_OF:
+            found.rich_help_panel = _JOB_OF[cmd_name]  # type: ignore[attr-defined]  # of typer's commands
+        return found
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if os.environ.get("NO_COLOR"):
@@ -64,7 +89,7 @@ def with_the_command_of(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
     third of the time that the help of a command takes.
     """
     first = words[0] if words else ""
-    narrow = typer.Typer(cls=Group, add_completion=False, pretty_exceptions_enable=False)
+    narrow = typer.Typer(cls=Group, add_completion=False, pretty_exceptions_enable=False, context_settings=HELP)
     narrow.registered_callback = app.registered_callback
     narrow.registered_commands = [one for one in app.registered_commands if _name(one) == first]
     narrow.registered_groups = [one for one in app.registered_groups if one.name == first]

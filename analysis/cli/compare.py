@@ -11,7 +11,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRuns
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
 from rigs.errors import UseError
 
 _AGAINST = "--against"
@@ -38,7 +38,7 @@ def _one_each(arguments: Sequence[str]) -> list[str]:
 
 @command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
 def compare(
-    runs: RobotRuns,
+    runs: RobotRunsBelow,
     against: Annotated[
         list[Path] | None,
         typer.Option(
@@ -62,10 +62,13 @@ def compare(
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
     """
+    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+
+    runs = runs_below(runs)
     if against:
         if rig_file or plot or unseen:
             raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
-        _before_and_after(runs, against, as_json)
+        _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
@@ -75,7 +78,7 @@ def compare(
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
         progress(f"simulating {len(measured)} runs")
-        elsewhere = [analysis.load_run(path) for path in unseen or ()]
+        elsewhere = [analysis.load_run(path) for path in runs_below(unseen or ())]
         found = analysis.compare(measured, rig_file, unseen=elsewhere)
     if plot:
         with progress_of("drawing the pictures"):

@@ -10,7 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import operator_or_user
+from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
 from analysis.traces.table_layout import JointSource
 from rigs.errors import UseError
@@ -34,7 +34,7 @@ def import_(
         ),
     ],
     direction: Annotated[
-        Direction | None, typer.Option(help="Direction of yaw and roll; default: the column direction of the table.")
+        Direction | None, direction_option("Direction of yaw and roll; default: the column direction of the table")
     ] = None,
     operator: Annotated[str, typer.Option(help="Name of the person who measured; default: the user.")] = "",
     placement: Annotated[

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from analysis.cli import completion
+from rigs.schema.vocabulary import Direction, direction_of
 
 
 def location(given: str | Path) -> Path:
@@ -29,9 +30,6 @@ def operator_or_user(operator: str) -> str:
 
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")]
-RobotRuns = Annotated[
-    list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
-]
 _STANDS_FOR = "a directory or URL that holds runs stands for all of them."
 RunsBelow = Annotated[
     list[Path],
@@ -70,6 +68,27 @@ Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do that instead; default: this computer."),
 ]
+
+
+def _direction(given: str) -> Direction:
+    """A direction as people write it. Raises typer.BadParameter."""
+    direction = direction_of(given)
+    if direction is None:
+        raise typer.BadParameter(f"{given!r} is no direction; give acw (ccw) or cw")
+    return direction
+
+
+def _directions() -> list[str]:
+    return ["acw", "cw"]
+
+
+def direction_option(meaning: str) -> Any:
+    """The option --direction, with what it means for a command."""
+    return typer.Option(
+        "--direction", metavar="<acw|cw>", parser=_direction, autocompletion=_directions, help=f"{meaning}; ccw is acw."
+    )
+
+
 RigArgument = Annotated[
     str,
     typer.Argument(metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."),

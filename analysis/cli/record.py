@@ -11,7 +11,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, operator_or_user
+from analysis.cli.options import AsJson, direction_option, operator_or_user
 from rigs.errors import FileError, RigError
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -36,7 +36,7 @@ def start(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
     test: Annotated[TestName, typer.Option(help="Test that the robot will drive.")],
     direction: Annotated[
-        Direction | None, typer.Option(help="Direction of the circle, required for yaw and roll; default: none.")
+        Direction | None, direction_option("Direction of the circle, required for yaw and roll; default: none")
     ] = None,
     operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
     placement: Annotated[

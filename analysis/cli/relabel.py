@@ -10,7 +10,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import Runs
+from analysis.cli.options import Runs, direction_option
 from analysis.cli.several import for_each
 from rigs.schema.vocabulary import Direction, DrivenTest
 
@@ -23,7 +23,7 @@ def relabel(
         typer.Option(help="Test that the robot drove; default: unchanged."),
     ] = None,
     direction: Annotated[
-        Direction | None, typer.Option(help="Direction that the circle was driven in; default: unchanged.")
+        Direction | None, direction_option("Direction that the circle was driven in; default: unchanged")
     ] = None,
     operator: Annotated[str | None, typer.Option(help="Name of the person who measured; default: unchanged.")] = None,
     placement: Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -11,7 +11,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
-from analysis.cli.options import RigArgument
+from analysis.cli.options import RigArgument, direction_option
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 
@@ -20,7 +20,7 @@ def simulate(
     rig_file: RigArgument,
     test: Annotated[DrivenTest, typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
-    direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Direction of yaw and roll.")] = "both",
+    direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
     effects: HiddenEffects = None,
@@ -34,9 +34,9 @@ def simulate(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new  # noqa: PLC0415
 
-    directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
+    directions: tuple[Direction | None, ...] = (direction,) if direction else ("acw", "cw")
     if test not in CIRCLES:
-        if direction != "both":
+        if direction:
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     for number, one in product(range(seed, seed + runs), directions):

@@ -17,8 +17,8 @@ from analysis.correction.support import Support
 from analysis.correction.taught_frame import TaughtFrame
 from analysis.correction.work import tool_poses, used_effects
 from analysis.inference.observation import BEYOND_DEG
-from analysis.inference.uncertainty import parameter_label
 from analysis.kinematics.arm import Array, Mask, pose_error
+from analysis.measures.parameters import parameter_label
 from analysis.model.predict import model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of

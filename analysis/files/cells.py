@@ -15,10 +15,10 @@ from analysis.files.table_problems import quoted
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, WORDS
 from analysis.traces.table_rules import LARGEST
+from rigs.schema.vocabulary import direction_of
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
-_OTHER_WORDS = {"ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "clockwise": "cw"}
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
 """Where a text has no other characters, float() and `value` agree on whether it is a number."""
 Value = float | int | str
@@ -72,6 +72,7 @@ def _word(text: str, known: tuple[str, ...]) -> str:
     if text in known:
         return text
     lower = text.lower()
-    near = [_OTHER_WORDS[lower]] if _OTHER_WORDS.get(lower) in known else difflib.get_close_matches(lower, known, n=1)
+    direction = direction_of(lower)
+    near = [direction] if direction in known else difflib.get_close_matches(lower, known, n=1)
     hint = f"; did you mean {near[0]}?" if near else ""
     raise ValueError(f"{quoted(text)} is not {', '.join(known[:-1])} or {known[-1]}{hint}")

@@ -10,9 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.inference.estimate import Fit, fit
-from analysis.inference.observation import Observation, outside_effect_coverage
-from analysis.inference.setups import observe_runs, split_by_frame
+from analysis.inference.observation import outside_effect_coverage, residuals_of
+from analysis.inference.setups import fit_setups, observe_runs, split_by_frame
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
@@ -21,7 +20,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.measures.rig_agreement import hold_targets
-from analysis.model.predict import SetUp, model_of, path_of, predict
+from analysis.model.predict import Model, SetUp, model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -137,26 +136,26 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
-    found = fit(model, observations)
+    placed = fit_setups([(model, one) for one in observations])
     comparisons, poses = [], []
-    for run, one, residual in zip(runs, observations, found.residuals, strict=True):
+    for run, one, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
         if isinstance(run.table, PoseTable):
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
-            comparisons.append(_one(run, one, rig, found, residual))
-    setups = {
-        f"{one.setup}{where}": found.setups[one.setup] for one in observations if not isinstance(one.table, PoseTable)
-    }
+            comparisons.append(_one(run, model, placed[one.setup], one.rows, residual))
+    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PoseTable)}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
-def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:
-    run = replace(run, rig=rig)
+def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm: Array) -> Comparison:
+    run = run if run.rig == model.rig else replace(run, rig=model.rig)
     result = result_of(run)
-    values = predict(found.model, run.table, path_of(found.model, run.table), found.setups[one.setup])
-    simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
+    values = predict(model, run.table, path_of(model, run.table), setup)
+    simulated = evaluate(
+        with_values(run.table, values), model.rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0
+    )
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
@@ -167,7 +166,7 @@ def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Ar
         measured_curve=measured_curve,
         simulated_curve=simulated_curve,
         unit=unit,
-        rows=one.rows,
+        rows=rows,
         residuals_mm=residuals_mm,
         correlation=correlation,
         rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),

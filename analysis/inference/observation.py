@@ -116,12 +116,6 @@ BEYOND_DEG = 3.0
 change little over 3 degrees."""
 
 
-def joints_covered(observations: Sequence[Observation]) -> tuple[JointRange, ...]:
-    """Return the range in degrees of each joint in the readings of some runs, whose joint angles are (n, 6) rad."""
-    q_deg = np.degrees(np.concatenate([one.table.q[one.rows] for one in observations]))
-    return tuple(zip(q_deg.min(axis=0).tolist(), q_deg.max(axis=0).tolist(), strict=True))
-
-
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> list[str]:
     """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined, which
     begins it."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.blocks import Block
+from analysis.inference.blocks import Block, SharedBlock
 from analysis.inference.candidates import LARGEST_FAULT, Candidate
 from analysis.inference.expected import (
     DETECTABLE,
@@ -19,8 +19,9 @@ from analysis.inference.expected import (
     is_detectable,
     is_separable,
     planned_blocks,
+    without_bands,
 )
-from analysis.inference.responses import Linearisation
+from analysis.inference.responses import Linearisation, beside
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp
 from rigs.effects import Effect, turned
@@ -182,6 +183,7 @@ def possible_tests(
     """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
     the reason."""
     found, impossible = [], []
+    shared = [SharedBlock(block, (), setups[block.one.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
         refused = ""
         for words, moved in further.choices:
@@ -190,9 +192,8 @@ def possible_tests(
             except FileError as error:
                 refused = refused or error.what
                 continue
-            found.append(
-                PossibleTest(words, further.why, expected_posterior([*blocks, *more], {**setups, **places}, level))
-            )
+            expected = ExpectedPosterior(beside(shared, without_bands(more), places), level)
+            found.append(PossibleTest(words, further.why, expected))
             break
         else:
             impossible.append((further.choices[0][0], refused))

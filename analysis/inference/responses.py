@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.blocks import Block, SimulatedBlock
+from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.setups import columns_of, moved_setup, tool_shift
 from analysis.kinematics.arm import Array, Integers
@@ -336,6 +336,14 @@ def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Seque
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
     simulated = [SimulatedBlock(block, tuple(known), setups[block.one.setup]) for block in blocks]
     return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
+
+
+def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
+    """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
+    all, about set-ups."""
+    simulated = (*shared, *(SimulatedBlock(block, (), setups[block.one.setup]) for block in blocks))
+    placed = {one.block.one.setup: one.setup for one in simulated}
+    return Linearisation(tuple(one.block for one in simulated), placed, simulated)
 
 
 def basis_of(columns: Array) -> Array:

@@ -14,7 +14,8 @@ from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.joint_curves import JointCurves
 from analysis.inference.observation import ObservedRun
 from analysis.inference.responses import LEAST_MATERIAL_UM, Linearisation, basis_of, limits_um, linearise, plain_worth
-from analysis.inference.selection import RivalOdds, Selection, compare_with_rivals
+from analysis.inference.rivals import RivalOdds, compare_with_rivals
+from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
 from analysis.kinematics.arm import Array
@@ -133,8 +134,9 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        begun = (selection.initial_state if turn else selection.state_with)(effects, curves)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = selection.settled(*beginnings(selection.initial_state(effects, curves)))
+        state = selection.settled(*beginnings(begun))
         effects, curves = state.refined.effects, state.curves
         if selection.holds_for(state):
             break

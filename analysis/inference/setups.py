@@ -398,23 +398,18 @@ def fit_run_setups(
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Splits of readings into those used by a fit and those held out to judge it: single ones at random, or whole
-# neighbourhoods of joint space.
+# Poses held out to judge a fit: whole neighbourhoods of joint space (k-means of the joint angles).
 #
-# Neighbours share what a model cannot express, so single held-out readings overestimate its quality. A neighbourhood
-# is a place that the model has not seen.
+# Neighbours share what a model cannot express, so that held-out single poses would overestimate its quality. A
+# neighbourhood is a place that the model has not seen.
 
 GROUPS = 20
 """Number of neighbourhoods of joint space. Chosen: few enough for several poses in each, and enough for five folds."""
 _FEWEST_OF_A_GROUP = 5
 """Smallest average number of places in a neighbourhood. Chosen: k-means needs a few for a centre."""
-
-
-def split(one: Observation, share: float, groups: bool, seed: int) -> tuple[Observation, Observation]:
-    """Return an observation, of (m, k) mm, as two: the part used, and a `share` of its readings that is held out."""
-    rng = np.random.default_rng(seed)
-    left_out = _left_out(one, share, rng) if groups else rng.permutation(len(one.rows)) < share * len(one.rows)
-    return part(one, ~left_out), part(one, left_out)
+_FEWEST = 3
+"""Smallest average number of poses in a neighbourhood; with fewer no neighbourhood is held out. Chosen: k-means needs a
+few poses for a centre."""
 
 
 def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
@@ -431,32 +426,6 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
     places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
     _, group = kmeans2(places, min(GROUPS, max(1, len(places) // _FEWEST_OF_A_GROUP)), minit="++", rng=rng)
     return np.asarray(group[place.ravel()], dtype=np.int64)
-
-
-def _left_out(one: Observation, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    q = one.table.q[one.rows]
-    if len(q) < 2 * GROUPS:
-        raise FileError(
-            "--groups", f"{len(q)} readings are too few for neighbourhoods", "leave out single ones: without --groups"
-        )
-    group = neighbourhoods(q, rng)
-    left_out = np.zeros(len(q), dtype=bool)
-    for number in rng.permutation(group.max() + 1):
-        if left_out.sum() >= share * len(q):
-            break
-        left_out |= group == number
-    return left_out
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Poses held out by neighbourhoods of joint space (k-means of the joint angles).
-#
-# Neighbours share what a model cannot express, so that held-out single poses would overestimate its quality. A
-# neighbourhood is a place that the model has not seen.
-
-_FEWEST = 3
-"""Smallest average number of poses in a neighbourhood; with fewer no neighbourhood is held out. Chosen: k-means needs a
-few poses for a centre."""
 
 
 def folds_of(q: Array, folds: int) -> Integers:

@@ -17,8 +17,8 @@ from analysis.inference.observation import ObservedRun
 from analysis.inference.residuals import bands_above_noise
 from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
 from analysis.inference.result import ODDS, Accuracy, Condition, Doubt, Gap, JudgedOn, Named, Remainder, Rival
+from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
-from analysis.inference.selection import RivalOdds
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
 from analysis.inference.validation import gap_without_um
 from analysis.kinematics.arm import Array

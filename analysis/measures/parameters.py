@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from analysis.measures.quantity import Quantity
 from rigs.effects import Effect
-from rigs.schema.effect import SEATS
+from rigs.schema.effect import SEATS, label_of, size_field
 
 
 def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:
@@ -17,3 +17,8 @@ def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity
 def parameters_of(effect: Effect) -> dict[str, float]:
     """Its numbers: sizes and shapes, and what it needs to be given, such as the order of a gear."""
     return {key: value for key, value in effect if key not in SEATS and isinstance(value, int | float)}
+
+
+def parameter_label(effect: Effect, field: str) -> str:
+    """The label of an effect, with the field where it is not its size."""
+    return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import pyarrow as pa
 
@@ -141,8 +142,24 @@ def borrowers(results: Sequence[Result]) -> list[Borrower]:
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
     """Evaluate a run that has been read; like: noise of angle and distance in another run, for one of a single lap.
 
+    A run is evaluated once as long as somebody holds its result: a report and the diagnosis in it ask for the same.
     Raises FileError.
     """
+    kept = _KEPT.get(id(measured))
+    if kept is not None and kept.measured is measured and like is None:
+        return kept
+    result = _evaluated(measured, like)
+    if like is None:
+        _KEPT[id(measured)] = result
+    return result
+
+
+_KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
+"""The results that somebody holds, by the identity of their run, which each of them holds."""
+
+
+def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None) -> Result:
+    """Evaluate a run. Raises FileError."""
     found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), like=like)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):

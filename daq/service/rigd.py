@@ -14,17 +14,20 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 from daq.service import journal
 from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
 from daq.store.records import Ending
-from rigs.errors import RigError
+from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import SHIPPED, find, load
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(
+    add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+)
 log = logging.getLogger("rigd")
 
 
@@ -32,9 +35,22 @@ def main() -> None:
     """Run the command: the entry point of `rigd`."""
     forget_width_of_0()
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
+    except TyperException as error:
+        told = wrong_use(error, "rigd")
+        if told is not None:
+            typer.echo(f"error: {told}", err=True)
+        sys.exit(UseError.exit_code)
     finally:
         ignore_interrupts()
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib import metadata  # noqa: PLC0415
+
+        typer.echo(f"rigd {metadata.version('rig')}")
+        raise typer.Exit
 
 
 @app.command()
@@ -53,6 +69,9 @@ def rigd(
         Path | None,
         typer.Option(help="File for the textfile collector of node_exporter; default: none, under systemd rig.prom."),
     ] = None,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
     handler = logging.StreamHandler(sys.stderr)

@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
@@ -295,7 +296,7 @@ def phases(effect: _E) -> tuple[_E, ...]:
 
 def is_wave(effect: Effect) -> bool:
     """Whether its phase is free."""
-    return PHASE in type(effect).model_fields
+    return hasattr(effect, PHASE)
 
 
 def is_play(effect: Effect) -> bool:
@@ -308,9 +309,10 @@ def size_field(effect: Effect) -> str:
     return size_fields(type(effect))[0]
 
 
-def size_fields(cls: type[Effect]) -> list[str]:
+@cache
+def size_fields(cls: type[Effect]) -> tuple[str, ...]:
     """Names of the keys that are declared by `size`: one of every effect that is whole."""
-    return [str(name) for name in cls.model_fields if "healthy" in _extra(cls, name)]
+    return tuple(str(name) for name in cls.model_fields if "healthy" in _extra(cls, name))
 
 
 def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
@@ -320,7 +322,12 @@ def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
 
 def bounds(effect: Effect, name: str) -> tuple[float, float]:
     """Lowest and highest value of a parameter, infinite where it has no bound."""
-    metadata = type(effect).model_fields[name].metadata
+    return _bounds(type(effect), name)
+
+
+@cache
+def _bounds(cls: type[Effect], name: str) -> tuple[float, float]:
+    metadata = cls.model_fields[name].metadata
     low = [float(getattr(m, key)) for m in metadata for key in ("ge", "gt") if hasattr(m, key)]
     high = [float(m.le) for m in metadata if hasattr(m, "le")]
     return max(low, default=-math.inf), min(high, default=math.inf)

@@ -8,6 +8,16 @@ Direction = Literal["cw", "acw"]
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
 
+_WAYS: dict[str, Direction] = {
+    "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
+}  # fmt: skip
+
+
+def direction_of(word: str) -> Direction | None:
+    """Return the direction that a word means, as people write it: ccw is acw; None for any other word."""
+    return _WAYS.get(word.casefold())
+
+
 DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
 """The tests that a program of the robot drives, with the ball link."""
 Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]

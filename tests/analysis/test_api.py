@@ -6,7 +6,7 @@ import inspect
 import json
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +55,11 @@ def laps() -> list[Measured]:
 @pytest.fixture(scope="module")
 def results(laps: list[Measured]) -> list[Result]:
     return evaluate_runs(laps)
+
+
+def test_a_run_is_evaluated_once_as_long_as_its_result_is_held(laps: list[Measured], results: list[Result]) -> None:
+    assert evaluate(laps[0]) is results[0] and evaluate(laps[1]) is results[1]
+    assert evaluate(replace(laps[0])) is not results[0]
 
 
 def test_the_import_loads_nothing_heavy() -> None:

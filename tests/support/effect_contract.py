@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import sys
-from dataclasses import replace
 from functools import cache
 from typing import get_args
 
@@ -14,13 +13,13 @@ from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.support import supports
 from analysis.inference.background import background_of
 from analysis.inference.blocks import blocks_of
-from analysis.inference.calibrate import calibrate, parse_effects
 from analysis.inference.candidates import candidates_for, columns_for
-from analysis.inference.estimate import fit, sizes
-from analysis.inference.observation import observe, observe_run
+from analysis.inference.given import given_effects, parse_effects
+from analysis.inference.observation import observe_run
 from analysis.inference.refine import refine
 from analysis.inference.responses import linearise
 from analysis.inference.result import Named
+from analysis.inference.search import fit_given
 from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.reporting import plan_report
@@ -28,11 +27,10 @@ from analysis.reporting.diagnosis_words import plain, size
 from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable
 from rigs.effects import VOCABULARY, Effect, Found, bounds, size_field
-from rigs.errors import FileError
 from rigs.extend import extended
 from rigs.load import parse
 from rigs.problems import RigFileError
-from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, label_of, name_of, scaled
+from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, name_of, scaled
 from rigs.schema.scene import STAGES
 from tests.support.diagnosis_cells import RIG, TEXT, WAYS, plan_of_circles
 
@@ -102,32 +100,12 @@ def simulated(name: str) -> None:
     assert 1e-4 < np.abs(whole - nothing).max() < 50
 
 
-def fitted(name: str) -> None:
-    """Least squares finds what was planted in readings with hardly any noise, and none from run to run."""
-    planted, rng = fault(name), np.random.default_rng(7)
-    observations = []
-    for way in WAYS:
-        table = simulate(RIG, "yaw", way, None, (planted,))
-        assert isinstance(table, CircleTable)
-        noisy = replace(table, g_mm=table.g_mm + rng.normal(0.0, 1e-4, table.g_mm.shape))
-        observations.append(observe(model_of(RIG), noisy, "yaw"))
-    model = model_of(RIG, [scaled(planted, 0.7)])
-    found = fit(model, observations, sizes(model.effects))
-    near(found.model.effects[0], planted, 0.0)
-
-
 def calibrated(name: str) -> None:
-    """A person asks for it by its place, and what was planted comes out, or is refused by its name."""
-    observations = [observe(model_of(RIG), table, "yaw") for table in tables_of(name)[:2]]
-    try:
-        found = calibrate(RIG, observations, [], word_for(name))
-    except FileError as error:
-        assert label_of(fault(name)) in error.what or "do not show any of the chosen effects" in error.what
-        return
-    assert found.after_mm[0] < found.before_mm[0]
-    (one,) = found.effects
-    assert identity(one.effect) == identity(fault(name))
-    near(one.effect, fault(name), one.sd[size_field(one.effect)])
+    """A person asks for it by its place, and what was planted comes out."""
+    runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
+    (found,) = fit_given(runs, given_effects(word_for(name)), lambda _: None).state.refined.effects
+    assert name_of(found) == name_of(fault(name))
+    near(found, fault(name), 0.0)
 
 
 def near(found: Effect, planted: Effect, sd: float) -> None:
@@ -180,7 +158,7 @@ def corrected(name: str) -> None:
     assert all(one.delta == size_of(effect) for one in corrections)
 
 
-STEPS = (in_a_rig_file, declared, simulated, fitted, calibrated, in_a_plan, diagnosed, corrected)
+STEPS = (in_a_rig_file, declared, simulated, calibrated, in_a_plan, diagnosed, corrected)
 
 if __name__ == "__main__":
     for asked in sys.argv[1:]:

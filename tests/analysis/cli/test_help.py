@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +15,9 @@ from typer.core import TyperOption
 from typer.testing import CliRunner
 
 from analysis.cli import app
+from analysis.cli.commands import JOBS
 
+BIN = Path(sys.executable).parent
 ROOT = typer.main.get_command(app)
 
 
@@ -51,3 +56,43 @@ def test_the_example_of_a_command_is_one_that_it_takes(words: tuple[str, ...]) -
     assert len(example) < 72, "does not fit on a line of 80 columns"
     until = typed.index(">>") if ">>" in typed else None
     command.make_context("rig", typed[len(words) + 1 : until])  # raises where an option is unknown or missing
+
+
+def test_every_command_has_a_job_and_the_help_lists_them_in_the_order_of_the_work() -> None:
+    there = {command.name or command.callback.__name__.replace("_", "-") for command in app.registered_commands}  # type: ignore[union-attr]
+    there = {name.rstrip("-") for name in there} | {str(group.name) for group in app.registered_groups}
+    named = [name for names in JOBS.values() for name in names]
+    assert there <= set(named) and len(named) == len(set(named))
+    shown = CliRunner().invoke(app, ["-h"]).output
+    assert sorted(JOBS, key=lambda job: shown.find(f" {job} ")) == list(JOBS)
+    assert all(f"─ {job} ─" in shown for job in JOBS)
+
+
+def test_rig_alone_shows_its_commands_and_is_no_mistake() -> None:
+    done = subprocess.run([BIN / "rig"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "─ Measure ─" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ((), "error: rigd: Missing argument 'RIG'; see rigd --help"),
+        (("a", "b"), "error: rigd: Got unexpected extra argument(s) (b); see rigd --help"),
+        (("--nope",), "error: rigd: No such option: --nope; see rigd --help"),
+    ],
+)
+def test_a_wrong_call_of_rigd_is_one_line(words: tuple[str, ...], line: str) -> None:
+    done = subprocess.run([BIN / "rigd", *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, f"{line}\n")
+
+
+def test_rigd_says_its_version() -> None:
+    done = subprocess.run([BIN / "rigd", "--version"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.startswith("rigd ")
+
+
+@pytest.mark.parametrize("word", ["ccw", "CCW", "anticlockwise", "acw"])
+def test_people_may_say_ccw(word: str, tmp_path: Path) -> None:
+    words = ["simulate", "paper-fanuc", "--test", "yaw", "--direction", word, "-o", str(tmp_path)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert [run.name for run in tmp_path.iterdir()] == ["yaw-acw-000"]

@@ -239,6 +239,7 @@ def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
     assert gathered(plant, file).examined == 3 * VISITS - 5
 
 
+@pytest.mark.nightly  # that a cluster gives the same is shown by tests/analysis/batch in each commit
 def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     (tmp_path / "dask").mkdir()

@@ -1,43 +1,53 @@
-"""Calibration on simulated runs: what was planted comes out, within its uncertainty, whatever its bounds and phase."""
+"""Given effects, fitted to simulated runs and to poses of another generator: what was planted comes out, within u."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from analysis.inference.calibrate import calibrate, parse_effects
-from analysis.inference.observation import Observation, observe
-from analysis.model.predict import model_of
-from analysis.simulation.simulate import simulate
-from rigs.effects import (
-    VOCABULARY,
-    Backlash,
-    Effect,
-    JointOffset,
-    ReversalSpike,
-    ThermalGrowth,
-    TransmissionError,
-    healthy_size,
-    size_field,
-)
-from rigs.errors import FileError, UseError
+from analysis import calibrate
+from analysis.inference.result import Diagnosis, Named
+from analysis.kinematics.arm import arm_of, forward
+from analysis.simulation.simulated_runs import simulated_run
+from analysis.traces.loading import Measured
+from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, size_field
 from rigs.load import load
+from tests.support.independent_arm import (
+    Cell,
+    Seen,
+    bad_arm,
+    bad_zeros,
+    cell,
+    constants_of,
+    flange,
+    healthy,
+    least_squares_fit,
+    postures,
+)
 from tests.support.nightly import cases
+from tests.support.pose_runs import pose_run
 
-RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
-MODEL = model_of(RIG)
+LOADED, TEXT = load("paper-fanuc")
+RIG = LOADED.model_copy(update={"effects": ()})
+ZEROS, DH = "joint_offset", "joint_offset,link_geometry"
+NARROW_DEG = (25, 12, 12, 30, 20, 60)
 
 
-def _observed(truth: tuple[Effect, ...], seed: int, tests: tuple[str, ...] = ("yaw",)) -> list[Observation]:
-    found = []
-    for number, test in enumerate(tests):
-        for k, direction in enumerate(("acw", "cw") if test in ("yaw", "roll") else (None,)):
-            table = simulate(RIG, test, direction, 10 * seed + 2 * number + k, truth)  # type: ignore[arg-type]
-            observations = observe(MODEL, table, test)
-            found.append(observations)
-    return found
+def _runs(truth: tuple[Effect, ...], seed: int, tests: tuple[str, ...] = ("yaw",)) -> list[Measured]:
+    ways = {"yaw": ("acw", "cw"), "roll": ("acw", "cw")}
+    return [
+        simulated_run(RIG, TEXT, test, way, seed, truth)  # type: ignore[arg-type]
+        for test in tests
+        for way in ways.get(test, (None,))
+    ]
+
+
+def _fitted(runs: list[Measured], words: str) -> Named:
+    (one,) = calibrate(runs, words, rig=RIG).effects
+    return one
 
 
 @pytest.mark.parametrize(
@@ -51,169 +61,120 @@ def _observed(truth: tuple[Effect, ...], seed: int, tests: tuple[str, ...] = ("y
     ids=lambda value: getattr(value, "effect", value),
 )
 def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str, ...]) -> None:
-    found = calibrate(RIG, _observed((truth,), 1, tests), [], words)
-    (fitted,) = found.effects
+    found = _fitted(_runs((truth,), 1, tests), words)
     field = size_field(truth)
-    off = getattr(fitted.effect, field) - getattr(truth, field)
-    assert abs(off) < 4 * fitted.sd[field] and abs(off) < 0.1 * abs(getattr(truth, field))
-    assert found.after_mm[0] < 0.2 * found.before_mm[0]
+    off = abs(getattr(found.effect, field) - getattr(truth, field))
+    assert off < 4 * found.sd[field] and off < 0.1 * abs(getattr(truth, field))
 
 
-def test_a_size_that_ends_at_the_bound_of_a_rig_file_is_reported() -> None:
-    """With a time constant of 600 s nothing a rig file allows grows as fast as 300 ppm with 60 s."""
-    truth = ThermalGrowth(ppm=300, time_constant_s=60)
-    found = calibrate(RIG, _observed((truth,), 1), [], "thermal_growth")
-    assert found.doubts[0].startswith("thermal_growth ends at the limit of a rig file, 2000 ppm: the robot may err by")
-    within = calibrate(RIG, _observed((JointOffset(axis=5, offset_deg=-0.1),), 1, ("radial",)), [], "joint_offset:5")
-    assert not any("limit of a rig file" in doubt for doubt in within.doubts)
-
-
-def test_a_shape_that_was_not_given_is_reported_as_held() -> None:
-    found = calibrate(RIG, _observed((ReversalSpike(axis=1, amplitude_deg=-0.03),), 1), [], "reversal_spike:1")
-    assert any(doubt.startswith("reversal_spike 1: its decay_s was held at 0.3") for doubt in found.doubts)
-    given = calibrate(RIG, _observed((Backlash(axis=1, width_deg=0.02),), 1), [], "backlash:1")
-    assert not any("was held" in doubt for doubt in given.doubts)
-
-
-def test_a_ball_far_from_its_place_is_no_effect() -> None:
-    assert RIG.tests.circle
-    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (3.0, -4.0, 2.0)})
-    rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
-    observations = [observe(MODEL, simulate(rig, "yaw", way, None), "yaw") for way in ("cw", "acw")]
-    found = calibrate(RIG, observations, [], "joint_offset:3,backlash:1")
-    assert max(found.before_mm[0], found.after_mm[0]) < 1e-4
-    for fitted in found.effects:
-        assert abs(getattr(fitted.effect, size_field(fitted.effect))) < 1e-4
-
-
-@pytest.mark.parametrize("phase", cases((20.0, 110.0, 200.0, 290.0), (20.0, 290.0)))
+@pytest.mark.parametrize("phase", cases((20.0, 110.0, 200.0, 290.0), (20.0,)))
 def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
     truth = TransmissionError(axis=2, order=2, amplitude_deg=0.05, phase_deg=phase)
-    found = calibrate(RIG, _observed((truth,), 2, ("yaw", "roll")), [], "transmission_error:2:2")
-    (fitted,) = found.effects
-    assert fitted.effect.amplitude_deg == pytest.approx(0.05, abs=4 * fitted.sd["amplitude_deg"])  # type: ignore[union-attr]
-    turned = (fitted.effect.phase_deg - phase + 180) % 360 - 180  # type: ignore[union-attr]
-    assert abs(turned) < 4 * fitted.sd["phase_deg"] < 20
-
-
-@pytest.mark.parametrize("count", cases((4, 12), (4,)))
-def test_uncertainties_cover_the_wander_and_the_scatter_of_runs(count: int) -> None:
-    """Nothing planted: over many pairs of runs the fitted offset is about as far from zero as its uncertainty says."""
-    away = []
-    for seed in range(count):
-        found = calibrate(RIG, [*_observed((), 100 + seed), *_observed((), 200 + seed)], [], "joint_offset:3")
-        assert found.scatter.source == "measured"
-        (fitted,) = found.effects
-        away.append(fitted.effect.offset_deg / fitted.sd["offset_deg"])  # type: ignore[union-attr]
-    assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.8, away
-
-
-def test_the_scatter_of_a_run_without_repeats_is_assumed_wide_and_reported_as_assumed() -> None:
-    known = calibrate(RIG, [*_observed((), 100), *_observed((), 200)], [], "joint_offset:3")
-    assumed = calibrate(RIG, _observed((), 100), [], "joint_offset:3")
-    assert assumed.scatter.source == "assumed"
-    assert assumed.covariance[0, 0] > 4 * known.covariance[0, 0]
-
-
-@pytest.mark.parametrize(("truth", "words", "tests"), [
-    (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", ("radial",)),
-    (Backlash(axis=1, width_deg=0.02), "backlash:1", ("yaw",)),
-], ids=["radial", "yaw"])  # fmt: skip
-def test_wild_readings_are_counted_and_change_little(truth: Effect, words: str, tests: tuple[str, ...]) -> None:
-    rng = np.random.default_rng(7)
-    sound = _observed((truth,), 1, tests)
-    spoilt, count = [], 0
-    for one in sound:
-        values = one.values.copy()
-        rows = rng.permutation(np.arange(10, len(values) - 10))[: max(2, len(values) // 100)]
-        values[rows] += rng.choice([-1.0, 1.0], (len(rows), 1)) * rng.uniform(0.1, 1.0, (len(rows), 1))
-        spoilt.append(replace(one, values=values))
-        count += len(rows)
-    (clean,), found = calibrate(RIG, sound, [], words).effects, calibrate(RIG, spoilt, [], words)
-    (fitted,) = found.effects
-    field = size_field(truth)
-    assert 0.8 * count <= sum(found.weighting.wild) <= 1.5 * count
-    assert abs(getattr(fitted.effect, field) - getattr(clean.effect, field)) < clean.sd[field]
-    assert "are wild and left out" in found.doubts[0]
+    found = _fitted(_runs((truth,), 2, ("yaw", "roll")), "transmission_error:2:2")
+    assert found.effect.amplitude_deg == pytest.approx(0.05, abs=4 * found.sd["amplitude_deg"])  # type: ignore[union-attr]
+    turned = (found.effect.phase_deg - phase + 180) % 360 - 180  # type: ignore[union-attr]
+    assert abs(turned) < 4 * found.sd["phase_deg"] < 20
 
 
 def test_a_run_of_another_test_judges_with_its_own_set_up() -> None:
     truth = (Backlash(axis=1, width_deg=0.03),)
-    found = calibrate(RIG, _observed(truth, 3), _observed(truth, 4, ("radial",)), "backlash:1")
-    assert found.after_mm[1] < 0.3 * found.before_mm[1]
+    found = calibrate(_runs(truth, 3), "backlash:1", rig=RIG, hold_out=_runs(truth, 4, ("radial",)))
+    assert found.held_out and not found.held_out.keeps_setup
+    assert found.held_out.after_um < 0.5 * found.held_out.before_um
 
 
-def test_readings_that_the_set_up_takes_up_alone_are_reported() -> None:
-    (whole,) = _observed((), 5, ("repeatability",))
-    few = replace(whole, rows=whole.rows[:4], values=whole.values[:4])
-    with pytest.raises(FileError, match="4 readings are too few for the 4 terms of the set-up"):
-        calibrate(RIG, [few], [], "joint_offset")
+@pytest.mark.parametrize("seeds", cases((range(2), range(2, 12)), (range(2),)))
+def test_a_zero_that_is_right_is_as_far_from_zero_as_its_uncertainty_says(seeds: range) -> None:
+    away = []
+    for seed in seeds:
+        found = _fitted([*_runs((), 100 + seed), *_runs((), 200 + seed)], "joint_offset:3")
+        away.append(found.effect.offset_deg / found.sd["offset_deg"])  # type: ignore[union-attr]
+    assert 0.1 < np.sqrt(np.mean(np.square(away))) < 1.8, away
 
 
-def test_a_parameter_that_is_hardly_determined_does_not_take_up_what_no_effect_explains() -> None:
-    """The zero of axis 6 has little effect on the circle; a gear error that is not fitted could move it by degrees."""
-    truth = (
-        Backlash(axis=1, width_deg=0.02),
-        Backlash(axis=5, width_deg=0.015),
-        TransmissionError(axis=4, order=8, amplitude_deg=0.012, phase_deg=40),
-    )
-    assert RIG.tests.circle
-    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (0.6, -0.4, 0.1)})
-    rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
-    observed = [observe(MODEL, simulate(rig, "yaw", way, 6, truth), "yaw") for way in ("acw", "cw")]
-    found = calibrate(RIG, observed, [], "backlash:1,joint_offset")
-    for fitted in found.effects:
-        field = size_field(fitted.effect)
-        assert abs(getattr(fitted.effect, field)) < 5 * healthy_size(fitted.effect), fitted.effect
+def _cells(name: str, kind, seeds: range) -> Iterator[tuple[Cell, np.random.Generator]]:
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        yield cell(name, kind(rng), rng), rng
 
 
-def test_parameters_are_counted_by_what_is_distinguished() -> None:
-    """30 parameters from a few targets: most of them are held by what is known beforehand, and said to be."""
-    truth = (Backlash(axis=1, width_deg=0.05),)
-    observed = _observed(truth, 5, ("repeatability",))
-    found = calibrate(RIG, observed, [], "joint_offset,link_geometry,backlash")
-    assert 0 < found.identified_combinations < 15 < len(found.weak_parameters)
-    assert found.after_mm[0] < 0.2 * found.before_mm[0]
+def _poses(name: str, seen: Seen, *where: str) -> Measured:
+    return pose_run(name, seen.q, seen.xyz_mm, *where)
 
 
-@pytest.mark.parametrize(
-    ("words", "count"),
-    [
-        ("joint_offset", 6),
-        ("link_geometry", 18),
-        ("link_geometry:3", 3),
-        ("link_geometry:3.beta", 1),
-        ("transmission_error:4:2", 2),
-        ("transmission_error", 24),
-        ("backlash:1, backlash:1 ,time_lag", 2),
-        ("gauge_scale", 2),
-        ("wrist_coupling:4.5,ball_form:3,vibration:8.5,gauge_cyclic:g1:0.5", 7),
-    ],
-)
-def test_words_stand_for_effects(words: str, count: int) -> None:
-    assert len(parse_effects(words)) == count
+def _judged(name: str, train: Seen, test: Seen, words: str, *where: str) -> Diagnosis:
+    rig = load(name)[0].model_copy(update={"effects": ()})
+    return calibrate([_poses(name, train, "train")], words, rig=rig, hold_out=[_poses(name, test, "test", *where)])
 
 
-@pytest.mark.parametrize(
-    "word",
-    [
-        *("backlsh", "backlash:x", "backlash:1-3", "backlash:7", "backlash:1.a", "backlash:1:2", "joint_offset:²"),
-        *("link_geometry:q.a", "transmission_error:4:abc", "transmission_error:4:0", "time_lag:3", "gauge_scale:g3"),
-        *("wrist_coupling", "ball_form", "vibration", "gauge_cyclic:g1", "ball_form:99"),
-    ],
-)
-def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
-    with pytest.raises(UseError, match="--fit"):
-        parse_effects(word)
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e"])
+def test_the_generator_means_the_same_arm(name: str) -> None:
+    """Right arms of both agree, so that nothing below is of another arm."""
+    rng = np.random.default_rng(0)
+    right = healthy(rng)
+    right = replace(right, **{key: 0.0 * getattr(right, key) for key in right.__dataclass_fields__})
+    q = postures(name, 20, rng)
+    bare = replace(arm_of(load(name)[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    np.testing.assert_allclose(flange(constants_of(name), right, q)[1], forward(bare, q)[:, :3, 3], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["time_lag", "clock_rate", "servo_lag", "reversal_spike"])
-@pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_a_robot_that_stands_shows_no_lag(name: str, test: str) -> None:
-    """At a target the robot has stood for a while: effects of time are gone there."""
-    fields = {"axis": 1} if "axis" in VOCABULARY[name].model_fields else {}
-    effect = VOCABULARY[name].model_validate(fields)
-    large = effect.model_copy(update={size_field(effect): 10 * healthy_size(effect)})
-    nothing = simulate(RIG, test, None, None, ()).g_mm  # type: ignore[arg-type, union-attr]
-    shown = simulate(RIG, test, None, None, (large,)).g_mm  # type: ignore[arg-type, union-attr]
-    assert np.abs(shown - nothing).max() < 0.02
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e"])
+@pytest.mark.parametrize(("kind", "words"), [(bad_zeros, ZEROS), (bad_arm, DH)], ids=["zeros", "all constants"])
+def test_thirty_poses_of_a_bad_arm_give_more_than_plain_least_squares_gives(name: str, kind, words: str) -> None:
+    for arm, rng in _cells(name, kind, range(1)):
+        train, test = (arm.seen(postures(name, count, rng), rng) for count in (30, 200))
+        found = _judged(name, train, test, words).held_out
+        peer_um = 1e3 * least_squares_fit(arm.arm, train, words).held_out_mm(arm.arm, test, again=False)
+        assert found and found.keeps_setup and found.before_um > 2000
+        assert found.calibrated_um < 0.9 * peer_um
+
+
+def test_from_a_corner_of_the_joints_the_model_holds_as_well_elsewhere_as_least_squares() -> None:
+    ours, theirs = [], []
+    for arm, rng in _cells("ur10e", bad_zeros, range(2)):
+        train = arm.seen(postures("ur10e", 30, rng, NARROW_DEG), rng)
+        wide = arm.seen(postures("ur10e", 200, rng), rng)
+        found = _judged("ur10e", train, wide, DH, "elsewhere").held_out
+        assert found and not found.keeps_setup
+        ours.append(found.calibrated_um)
+        theirs.append(1e3 * least_squares_fit(arm.arm, train, DH).held_out_mm(arm.arm, wide, again=True))
+    assert np.mean(ours) < 1.05 * np.mean(theirs)
+
+
+def test_wild_poses_are_counted_and_change_little() -> None:
+    ((arm, rng),) = _cells("ur10e", bad_arm, range(1))
+    train, test = (arm.seen(postures("ur10e", count, rng), rng) for count in (40, 100))
+    spoilt = train.xyz_mm.copy()
+    spoilt[[3, 17]] += [[3.0, -2.0, 0.0], [0.0, 0.0, 1.5]]
+    sound = _judged("ur10e", train, test, DH)
+    found = _judged("ur10e", Seen(train.q, spoilt), test, DH)
+    assert any("2 of 40 poses of pose at door are wild" in doubt for doubt in found.doubts)
+    assert found.held_out and sound.held_out
+    assert found.held_out.calibrated_um < 1.1 * sound.held_out.calibrated_um
+
+
+def test_few_poses_are_no_reason_to_refuse_many_parameters() -> None:
+    ((arm, rng),) = _cells("paper-fanuc", bad_zeros, range(1))
+    train, test = (arm.seen(postures("paper-fanuc", count, rng), rng) for count in (10, 100))
+    found = _judged("paper-fanuc", train, test, DH).held_out
+    assert found and found.calibrated_um < 0.25 * found.before_um
+
+
+@pytest.mark.parametrize("seeds", cases((range(2), range(2, 9)), (range(2),)))
+def test_uncertainties_hold_for_what_is_determined_and_for_what_is_not(seeds: range) -> None:
+    """Zeros and lengths of a bad arm, each against its own uncertainty, also those determined together only."""
+    away = []
+    for arm, rng in _cells("ur10e", bad_arm, seeds):
+        seen = arm.seen(postures("ur10e", 60, rng), rng)
+        rig = load("ur10e")[0].model_copy(update={"effects": ()})
+        for one in calibrate([_poses("ur10e", seen)], DH, rig=rig).effects:
+            away.append(_in_uncertainties(arm, one))
+    assert np.mean(np.array(away) < 2) > 0.85 and np.max(away) < 6
+
+
+def _in_uncertainties(arm: Cell, one: Named) -> float:
+    effect = one.effect
+    name = getattr(effect, "field", "offset")
+    size = getattr(effect, "offset_deg", getattr(effect, "delta", 0.0))
+    truth = getattr(arm.wrong, name)[effect.axis - 1]  # type: ignore[union-attr]
+    return float(abs(size - (np.degrees(truth) if name in ("offset", "alpha") else truth)) / one.sd[size_field(effect)])

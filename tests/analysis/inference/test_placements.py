@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis import calibrate
 from analysis.cli import app
-from analysis.inference.calibrate import calibrate_runs
 from analysis.inference.observation import Observation, observe
 from analysis.inference.setups import split_by_frame
 from analysis.model.predict import model_of
@@ -66,10 +66,12 @@ def test_two_placements_calibrate_as_one_arm(
     second = _run(tmp_path, "second", _poses(arm, 30, FAR), *places[1])
     judge = _run(tmp_path, "judge", _poses(arm, 40, 2 * FAR), *places[2])
     runs = [load_measured(path) for path in (first, second)]
-    found = calibrate_runs(RIG, runs, [load_measured(judge)], "joint_offset", share=0.0, groups=False, seed=0)
-    assert found.after_mm[0] < 0.5 and found.after_mm[1] < 0.5 < found.before_mm[1] < 20
-    assert len(found.after.setups) == 2
-    tools = [setup.T_tool_target for setup in found.after.setups.values()]
+    found = calibrate(runs, "joint_offset", rig=RIG, hold_out=[load_measured(judge)])
+    assert found.train.calibrated_um < 500
+    assert found.held_out and found.held_out.calibrated_um < 500 < found.held_out.before_um < 20_000
+    setups = found.calibrated.setups
+    assert len(setups) == 2
+    tools = [setup.T_tool_target for setup in setups.values()]
     np.testing.assert_allclose(tools[0], tools[1], atol=1e-9)
     said = [doubt for doubt in found.doubts if "do not share one frame" in doubt]
     assert len(said) == (0 if named else 1)
@@ -83,37 +85,20 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
     three = _run(tmp_path, "three", _poses(arm, 3, FAR), "--placement", "wall")
     two = _run(tmp_path, "two", _poses(arm, 2, -FAR), "--placement", "floor")
     runs = [load_measured(path) for path in (first, three, two)]
-    found = calibrate_runs(RIG, runs, [], "joint_offset", share=0.0, groups=False, seed=0)
-    assert found.after_mm[0] < 0.5
-    assert set(found.after.setups) == {"pose at door", "pose at wall"}
-    assert found.doubts == (
-        "pose at floor is left out: its 6 readings are too few for the 6 terms of the set-up alone",
-    )
-    with pytest.raises(FileError, match="6 readings are too few"):
-        calibrate_runs(RIG, runs[2:], [], "joint_offset", share=0.0, groups=False, seed=0)
-
-
-def test_a_held_out_placement_of_few_poses_does_not_absorb_its_own_readings(
-    tmp_path: Path, arm: tuple[Cell, np.random.Generator]
-) -> None:
-    first = load_measured(_run(tmp_path, "first", _poses(arm, 30), "--placement", "door"))
-    three = load_measured(_run(tmp_path, "three", _poses(arm, 3, FAR), "--placement", "wall"))
-    two = load_measured(_run(tmp_path, "two", _poses(arm, 2, -FAR), "--placement", "floor"))
-    found = calibrate_runs(RIG, [first], [three, two], "joint_offset", share=0.0, groups=False, seed=0)
-    assert 0.005 < found.after_mm[1] < 0.5 < found.before_mm[1]
-    words = "pose at floor is not judged: its 6 readings are too few for the 6 terms of the set-up alone"
+    found = calibrate(runs, "joint_offset", rig=RIG)
+    assert found.train.calibrated_um < 500
+    assert set(found.calibrated.setups) == {"pose at door", "pose at wall"}
+    words = "pose at floor is left out: its 6 readings are too few for the 6 terms of the set-up alone"
     assert words in found.doubts
-    alone = calibrate_runs(RIG, [first], [two], "joint_offset", share=0.0, groups=False, seed=0)
-    assert np.isnan(alone.after_mm[1]) and words in alone.doubts
+    with pytest.raises(FileError, match="6 readings are too few"):
+        calibrate(runs[2:], "joint_offset", rig=RIG)
 
 
 def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
     first = _run(tmp_path, "first", _poses(arm, 10))
     other = _run(tmp_path, "other", _poses(arm, 10), rig="paper-fanuc")
     with pytest.raises(FileError, match="is of another robot than ur10e"):
-        calibrate_runs(
-            RIG, [load_measured(path) for path in (first, other)], [], "joint_offset", share=0.0, groups=False, seed=0
-        )
+        calibrate([load_measured(path) for path in (first, other)], "joint_offset", rig=RIG)
 
 
 def _circles(rig_ball: tuple[float, float, float], seed: int) -> list[Observation]:

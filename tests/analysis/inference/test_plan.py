@@ -10,16 +10,17 @@ from functools import cache
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
 from analysis.cli import app
 from analysis.inference.background import background_of
 from analysis.inference.candidates import columns_for
-from analysis.inference.estimate import fit, sizes
 from analysis.inference.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
-from analysis.inference.observation import observe
+from analysis.inference.observation import observe_run, rms
 from analysis.inference.plan import Plan, PossibleTest, detectabilities_of, plan, possible_tests, separating
 from analysis.inference.refine import refine
+from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.reporting.plan_report import as_table
 from analysis.simulation.simulate import simulate
@@ -84,18 +85,17 @@ def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_r
 
 def _left_um(rig: Rig, a5: Effect) -> float:
     """What a5 and a fitted set-up leave of axis 5's zero on a circle, rms of the readings."""
-    observation = observe(model_of(rig), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
-    return fit(model_of(rig, (a5,)), [observation]).rms_mm * 1e3
+    run = observe_run(model_of(rig, (a5,)), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
+    return rms(fit_run_setups([run])[1]) * 1e3
 
 
 def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another() -> None:
-    observation = observe(model_of(RIG), simulate(RIG, "yaw", "acw", None, (ZERO_5,)), "yaw")
-    model = model_of(RIG, (LinkGeometry(axis=6, field="a"),))
-    (a5,) = fit(model, [observation], sizes(model.effects)).model.effects
+    nearest = minimize_scalar(lambda delta: _left_um(RIG, LinkGeometry(axis=6, field="a", delta=delta)) ** 2)
+    a5 = LinkGeometry(axis=6, field="a", delta=float(nearest.x))
     second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
     assert _left_um(RIG, LinkGeometry(axis=6, field="a")) > 10
-    assert _left_um(RIG, a5) < 0.1
-    assert _left_um(_with_circle(speed_mm_s=100.0), a5) < 0.1
+    assert _left_um(RIG, a5) < 0.2
+    assert _left_um(_with_circle(speed_mm_s=100.0), a5) < 0.2
     assert _left_um(second, a5) > 1
 
 

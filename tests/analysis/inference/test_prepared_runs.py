@@ -56,6 +56,7 @@ def test_a_circle_with_another_tool_on_the_same_arm_is_a_set_up_and_not_a_robot(
         prepare_runs(beside, [run, like])
 
 
+@pytest.mark.nightly  # two diagnoses of eight runs
 def test_runs_left_out_in_a_second_cell_judge_names() -> None:
     runs = circles((PLAY,), seed=32)
     more = [_elsewhere(run) for run in circles((PLAY,), seed=33)]

@@ -12,7 +12,8 @@ from analysis.inference.background import Posterior
 from analysis.inference.blocks import blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.responses import linearise, worth
-from analysis.inference.selection import RivalOdds, Selection, compare_with_rivals, rival_odds
+from analysis.inference.rivals import RivalOdds, compare_with_rivals, rival_odds
+from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_same, is_twice
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
@@ -173,7 +174,7 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
 
     monkeypatch.setattr(Selection, "without", moving)
     monkeypatch.setattr(Selection, "gains", of_that_wave)
-    monkeypatch.setattr("analysis.inference.selection._DOUBT", np.inf)  # private: every fault that helps is tried
+    monkeypatch.setattr("analysis.inference.rivals._DOUBT", np.inf)  # private: every fault that helps is tried
     one = rival_odds(selection, state, 0)
     assert [name_of(tried.refined.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
     assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)
@@ -192,7 +193,7 @@ def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limit
         compared.append(name_of(of.refined.effects[place]))
         return RivalOdds(1.0)
 
-    monkeypatch.setattr("analysis.inference.selection.rival_odds", odds)
+    monkeypatch.setattr("analysis.inference.rivals.rival_odds", odds)
     for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
         found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
         assert [name_of(effect) for effect in found.refined.effects] == ["joint_offset 3"]
@@ -211,9 +212,9 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
         return swaps[-1]
 
     # private: rivals that are likelier after every swap cannot be made of readings
-    monkeypatch.setattr("analysis.inference.selection.without_needless_names", lambda _, state, limits: state)
+    monkeypatch.setattr("analysis.inference.rivals.without_needless_names", lambda _, state, limits: state)
     monkeypatch.setattr(
-        "analysis.inference.selection.rival_odds",
+        "analysis.inference.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
     monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)

@@ -9,7 +9,7 @@ import pytest
 
 from analysis.simulation.simulate import Noise, simulate
 from analysis.traces.tables import CircleTable
-from rigs.effects import VOCABULARY
+from rigs.effects import VOCABULARY, healthy_size, size_field
 from rigs.load import load
 from rigs.rig import Rig
 
@@ -67,3 +67,16 @@ def test_the_wander_is_slow_and_common_to_both_gauges() -> None:
     assert np.std(wander[:, 0]) == pytest.approx(0.001, rel=0.2)
     later = wander[25:, 0] @ wander[:-25, 0] / (wander[:, 0] @ wander[:, 0])
     assert later == pytest.approx(np.exp(-1), abs=0.15)
+
+
+@pytest.mark.parametrize("name", ["time_lag", "clock_rate", "servo_lag", "reversal_spike"])
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_robot_that_stands_shows_no_lag(name: str, test: str) -> None:
+    """At a target the robot has stood for a while: effects of time are gone there."""
+    rig = load("paper-fanuc")[0]
+    fields = {"axis": 1} if "axis" in VOCABULARY[name].model_fields else {}
+    effect = VOCABULARY[name].model_validate(fields)
+    large = effect.model_copy(update={size_field(effect): 10 * healthy_size(effect)})
+    nothing = simulate(rig, test, None, None, ()).g_mm  # type: ignore[arg-type, union-attr]
+    shown = simulate(rig, test, None, None, (large,)).g_mm  # type: ignore[arg-type, union-attr]
+    assert np.abs(shown - nothing).max() < 0.02

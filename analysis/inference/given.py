@@ -1,0 +1,52 @@
+"""The effects that a person asks to be fitted: names with places, as NAME:PLACE,NAME:PLACE, and names alone.
+
+A name alone stands for all axes, or for both gauges. Each effect defines how its place is written.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+
+from rigs.effects import VOCABULARY, Effect, one_sided
+from rigs.errors import UseError
+from rigs.schema.effect import healthy, is_wave, phases, scaled
+
+
+def parse_effects(words: str) -> list[Effect]:
+    """Return the effects of a list, each once, bounded ones at half a healthy size. Raises UseError for an unknown
+    effect or place."""
+    found = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word)]
+    if not found:
+        raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
+    return list(dict.fromkeys(found))
+
+
+def given_effects(words: str) -> list[Effect]:
+    """Return the effects of a list, each once, a wave with the phase at which its fit begins. Raises UseError as
+    `parse_effects` does."""
+    quarters = {other for effect in parse_effects(words) for other in phases(effect)[1:]}
+    return [effect for effect in parse_effects(words) if effect not in quarters or not is_wave(effect)]
+
+
+def _expanded(word: str) -> list[Effect]:
+    name, _, place = word.partition(":")
+    if name not in VOCABULARY:
+        raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
+    written = VOCABULARY[name].PLACE
+    match = re.fullmatch(written.pattern, place, re.ASCII)
+    if not match:
+        example = f"{name}:{written.example}" if written.example else name
+        raise UseError(f"--fit {word}", f"{name} has no place {place!r}", f"write {example}")
+    keys = {key: (value,) if value is not None else written.every[key] for key, value in match.groupdict().items()}
+    starts = [_starting_effect(word, name, dict(zip(keys, values, strict=True))) for values in product(*keys.values())]
+    return [half for effect in starts for half in phases(effect)]
+
+
+def _starting_effect(word: str, name: str, keys: dict[str, str]) -> Effect:
+    """Return an effect with its starting size: zero or, where it cannot be negative, half a healthy size."""
+    try:
+        effect = VOCABULARY[name].model_validate(keys)
+    except ValueError:
+        raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
+    return scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0)
