@@ -30,8 +30,8 @@ class SimulatedLine:
     read gives what was sent at once, and no more.
 
     change: what becomes of what the instrument sends, and how much later it comes, ns. sent: is called with each piece
-    that the instrument sends, as it set out and as it goes, when it will be there, and by how much that is later; what it
-    returns is called when the daemon reads the piece.
+    that the instrument sends, as it set out and as it goes, when it will be there, and by how much that is later; what
+    it returns is called when the daemon reads the piece.
     """
 
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
@@ -179,7 +179,7 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
 
 
 def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
-    """As `run_conversation`, but an instrument that has nothing to do wakes for nothing, which makes quiet hours cheap."""
+    """As `run_conversation`, but an instrument that has nothing to do does not wake: quiet hours are cheap."""
     with contextlib.suppress(LinkLost):
         step = device.connected(clock.now_ns())
         while True:

@@ -234,11 +234,13 @@ def _kill(life: Life) -> None:
 
 
 def _power_cut(life: Life) -> None:
-    clock.sleep(life.dice.uniform(0, 1.0))
+    """The power goes, mostly while the disk is still at what it was given."""
+    life.disk.syncs_s = life.dice.choice((0.0, 0.5, 1.0))
+    clock.sleep(life.dice.uniform(0, 3.0))
     life.killed()
     life.disk.gone = True
     life.cell.kill(life.daemon)
-    life.disk.gone = False
+    life.disk.gone, life.disk.syncs_s = False, 0.0
     life.disk.cut_power()
     promised = {asked.path for asked in life.asked if asked.synced}
     for path in sorted(path for path in promised if not is_run(path)):

@@ -39,6 +39,7 @@ _MAY_NAME = {
     Blow.RETENTION: {FaultKind.CLOCK},
 }
 """Which faults are no false alarms after a blow."""
+STOPPED = "stopped by rig record stop"
 _DISK = (Blow.FULL, Blow.QUOTA, Blow.FAILING, Blow.SLOW)
 
 
@@ -106,21 +107,22 @@ def _judge_missing(
 ) -> None:
     """All that the daemon read while it recorded is a row, or counted as dropped."""
     pieces = life.instruments.pieces[stream]
-    if not places:
-        begin_ns, end_ns = 0, 0
-    else:
-        begin_ns, end_ns = pieces[min(places)].at_ns, pieces[max(places)].at_ns
+    begin_ns, end_ns = (pieces[min(places)].at_ns, pieces[max(places)].at_ns) if places else (0, 0)
     if asked:
         begin_ns = asked.from_ns + _ENDS_NS // 100
-        end_ns = max(end_ns, (asked.to_ns or 0) - _ENDS_NS)
+        if chain[-1].manifest.reason == STOPPED:  # else what came until then is in no run, and counted so in the status
+            end_ns = max(end_ns, (asked.to_ns or 0) - _ENDS_NS)
+    if stream in life.instruments.in_two:
+        places = {place + beside for place in places for beside in (-1, 0, 1)}
     missing = [
         place
         for place, piece in enumerate(pieces)
-        if piece.read_ns and begin_ns <= piece.read_ns and piece.at_ns <= end_ns and place not in places
+        if piece.read_ns and not piece.greets and begin_ns <= piece.read_ns and piece.at_ns <= end_ns
+        and place not in places
         and any(number >= 0 for numbers in piece.readings.values() for number in numbers)
     ]  # fmt: skip
     sure = [place for place in missing if not _is_spoilt(life, pieces, place)]
-    if len(sure) > dropped:
+    if len(sure) > dropped * (2 if stream in life.instruments.in_two else 1):
         when = [round(pieces[place].at_ns / 1e9 - 1000, 3) for place in sure[:4]]
         told = f"{len(sure)} messages of {stream} were read and are no rows, {dropped} are counted as dropped"
         life.told.violations.append(f"{chain[0].path.name}: {told}; the first came at {when} s")
@@ -148,4 +150,3 @@ def _judge_faults(life: Life, run: Run) -> None:
         if kind not in may:
             told = f"{kind} of {stream}, which nothing has caused: {fault['detail']}"
             life.told.violations.append(f"{run.path.name}: false alarm: {told}")
-

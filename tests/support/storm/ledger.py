@@ -19,14 +19,19 @@ import numpy as np
 from daq import clock
 from daq.acquisition.streams import ROBOT
 from rigs.rig import Rig
+from rigs.schema.modbus import SolartronOrbit
 from tests.support.simulated_cell import SimulatedLine
 
-_LOWEST_MM, _STEP_MM, _PLACES = 0.98, 0.02, 401
+_LOWEST_MM, _STEP_MM, _PLACES = 0.98, 0.02, 402
 """The steps are coarser than the last digit of any gauge. Where it turns round two digits change at once, for a reading
 alone between two others of which one digit differs is doubted, and rightly."""
 _STEP_DEG, _LEVELS = 5e-4, 32
 """Joints that tell numbers move by less than 0.02°, as do encoders of a robot that stands."""
 _DRIVES_DEG_S = 4.0
+_REACH = 600
+"""Pieces among which a row's is sought: more than half of a gauge's way, on which no reading comes twice."""
+_GREETING = 2
+"""Messages with readings by which an OPC UA server answers a client that looks for its nodes, before it reads them."""
 _TIED = 2_000_000
 """Stamps lie within so many ns of the arrival: a dozen threads may go on at one instant, each for up to 20 µs, and
 several times."""
@@ -34,12 +39,17 @@ several times."""
 
 @dataclass
 class Piece:
-    """What an instrument sent at once. readings: numbers, by column; broken: whether its bytes were changed; late: whether it was held up."""
+    """What an instrument sent at once.
+
+    readings: numbers, by column; broken: whether its bytes were changed; late: whether it was held up; greets: whether
+    it answers what a new connection asks before it reads.
+    """
 
     at_ns: int
     readings: dict[str, list[int]]
     broken: bool
     late: bool
+    greets: bool = False
     read_ns: int | None = None
     """When the daemon took it from its end."""
 
@@ -48,13 +58,16 @@ class Piece:
 class Instruments:
     """A motion that numbers its readings, and the ledger of what was sent.
 
-    pieces: those with readings, of each stream, in order. off: gauges whose heads are off; program: the robot's signal;
-    drives: whether it moves.
+    pieces: those with readings, of each stream, in order. in_two: streams whose every reading takes two messages.
+    greets: streams that are asked for their readings as a connection begins. off: gauges whose heads are off; program:
+    the robot's signal.
     """
 
     streams: dict[str, str] = field(default_factory=dict)
     """The stream of each column that tells numbers."""
     pieces: dict[str, list[Piece]] = field(default_factory=dict)
+    in_two: set[str] = field(default_factory=set)
+    greets: set[str] = field(default_factory=set)
     off: set[str] = field(default_factory=set)
     program: int = 0
     _count: dict[str, int] = field(default_factory=dict)
@@ -68,9 +81,13 @@ class Instruments:
         made = cls()
         for stream in streams:
             made.pieces[stream] = []
+            if stream == ROBOT and rig.feedback and rig.feedback.interface == "opc_ua_robotics":
+                made.greets.add(stream)
             for name in [ROBOT] if stream == ROBOT else [n for n in rig.gauges.recorded if n in stream.split("_")]:
                 made.streams[name] = stream
-                made._count[name] = 0
+                if name != ROBOT and isinstance(rig.gauges.recorded[name], SolartronOrbit):
+                    made.in_two.add(stream)
+                made._count[name] = 0  # private _count, _pending: it is made here
             made._pending[stream] = {}
         return made
 
@@ -96,10 +113,13 @@ class Instruments:
 
     def attach(self, line: SimulatedLine) -> None:
         """Keep the ledger of a line."""
+        connections: list[int] = []
 
         def sent(data: bytes, changed: bytes, at_ns: int, later_ns: int) -> Callable[[], None]:
             readings, self._pending[line.name] = self._pending[line.name], {}
-            piece = Piece(at_ns, readings, changed != data, later_ns > 0)
+            connections.extend([line.connections] * bool(readings))
+            greets = line.name in self.greets and connections.count(line.connections) <= _GREETING
+            piece = Piece(at_ns, readings, changed != data, later_ns > 0, greets)
             if readings or piece.broken or piece.late:
                 self.pieces[line.name].append(piece)
 
@@ -150,11 +170,10 @@ def _shown(name: str, rows: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 @dataclass
 class Held:
     """The rows of a stream held against its ledger. places: of the pieces that rows came from; problems: what is wrong
-    with rows; pieces: how many stamps lay how far off."""
+    with rows."""
 
     places: set[int] = field(default_factory=set)
     problems: list[str] = field(default_factory=list)
-    latest_ns: int = 0
 
 
 def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> Held:
@@ -166,15 +185,14 @@ def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> Held:
     for row in np.flatnonzero(there).tolist():
         stamp_ns = int(stamps[row])
         place = bisect_right(arrivals, stamp_ns) - 1
-        near = _near(name, int(codes[row]), pieces, place, stamp_ns)
+        near = _near(name, int(codes[row]), pieces, place, last)
         if near is None:
-            if not _spoilt(pieces, place, stamp_ns):
+            if not _spoilt(pieces, place):
                 wrong["invented"].append(row)
             continue
         where, number = near
         late_ns = stamp_ns - arrivals[where]
-        found.latest_ns = max(found.latest_ns, late_ns)
-        if pieces[where].broken or _spoilt(pieces, place, stamp_ns):
+        if pieces[where].broken or _spoilt(pieces, place):
             pass
         elif late_ns > _TIED:
             wrong["late"].append((row, late_ns / 1e6))
@@ -197,23 +215,23 @@ def held(name: str, rows: dict[str, Any], pieces: Sequence[Piece]) -> Held:
     return found
 
 
-def _near(name: str, code: int, pieces: Sequence[Piece], place: int, stamp_ns: int) -> tuple[int, int] | None:
-    """The piece that a row came from: the nearest in time that holds a reading which shows this code."""
-    best = None
-    for distance in range(600):
-        for where in {place - distance, place + distance}:
-            if 0 <= where < len(pieces):
-                for number in pieces[where].readings.get(name, ()):
-                    if number >= 0 and _code(name, number) == code:
-                        off_ns = abs(stamp_ns - pieces[where].at_ns)
-                        if best is None or off_ns < best[0]:
-                            best = off_ns, where, number
-        if best is not None:
-            return best[1:]
+def _near(name: str, code: int, pieces: Sequence[Piece], place: int, last: tuple[int, int]) -> tuple[int, int] | None:
+    """The piece and the reading that a row came from: the nearest that shows this code, one after the last if it may
+    be."""
+    for distance in range(_REACH):
+        shown = [
+            (where, number)
+            for where in sorted({place - distance, place + distance})
+            if 0 <= where < len(pieces)
+            for number in pieces[where].readings.get(name, ())
+            if number >= 0 and _code(name, number) == code
+        ]
+        if shown:
+            return next((one for one in shown if one > last), shown[0])
     return None
 
 
-def _spoilt(pieces: Sequence[Piece], place: int, stamp_ns: int) -> bool:
+def _spoilt(pieces: Sequence[Piece], place: int) -> bool:
     """Whether what came at this time, or was completed then, has bytes that were changed: what a message without a
     checksum says then is nobody's fault."""
     return any(pieces[where].broken for where in range(max(0, place - 2), min(len(pieces), place + 1)))

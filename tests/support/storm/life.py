@@ -196,9 +196,9 @@ class Life:
     # Recordings
 
     def _record_or_stop(self) -> None:
-        if self.dice.random() < 0.6 and not self.ask("status").get("recording"):
+        if self.dice.random() < (0.2 if self.world.is_long else 0.6) and not self.ask("status").get("recording"):
             self.record()
-        elif self.dice.random() < 0.25:
+        elif self.dice.random() < (0.7 if self.world.is_long else 0.25):
             self._stop()
 
     def record(self) -> None:

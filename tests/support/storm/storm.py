@@ -53,7 +53,12 @@ def weather(seed: int) -> Told:
 @contextmanager
 def _rooms_of(drawn: World) -> Iterator[None]:
     """Make rooms and chunks as small as the world has them."""
-    before = stream_buffer._ROOM, active_run.MOST_PENDING, writer.MOST_PENDING, writer.CHUNK_AGE_NS  # private _ROOM: as large as it has it
+    before = (
+        stream_buffer._ROOM,
+        active_run.MOST_PENDING,
+        writer.MOST_PENDING,
+        writer.CHUNK_AGE_NS,
+    )  # private _ROOM: as large as it has it
     if drawn.small:
         stream_buffer._ROOM, active_run.MOST_PENDING, writer.MOST_PENDING = _ROOM, _PENDING, _PENDING
     writer.CHUNK_AGE_NS = round(drawn.chunk_s * 1e9)

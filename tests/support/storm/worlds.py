@@ -72,7 +72,7 @@ class World:
 def world(seed: int) -> World:
     """Draw the world of a seed."""
     dice = Random(seed)
-    is_long = dice.random() < 1 / 6
+    is_long = dice.random() < 1 / 8
     data: dict[str, Any] = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["name"] = "storm"
     names, data["gauges"] = _gauges(dice, is_long)
@@ -93,7 +93,7 @@ def world(seed: int) -> World:
         seed,
         (*names, name),
         yaml.safe_dump(data),
-        seconds=dice.uniform(2, 12) * 3600 if is_long else dice.uniform(15, 60),
+        seconds=dice.uniform(1.5, 4) * 3600 if is_long else dice.uniform(15, 60),
         pause_s=dice.uniform(600, 3000) if is_long else dice.uniform(1, 8),
         blows=tuple(blows),
         small=not is_long and dice.random() < 0.5,
@@ -122,7 +122,9 @@ def _gauges(dice: Random, is_long: bool) -> tuple[list[str], dict[str, Any]]:
             one |= {"offset_mm": 25 - 50 * len(data), "timeout_s": timeout_s, "timing": {"latch": "unknown"}}
             if one.get("mode") == "continuous" or one["interface"] == "micro_epsilon_ild1420":
                 one["timing"] = {"latch": "streamed", "cycle_ms": dice.choice((20, 50, 100))}
-            if line and one["interface"] != "micro_epsilon_ild1420":
+            if one["interface"] == "micro_epsilon_ild1420":
+                one["zero_mm"] = 0.0
+            elif line:
                 one["line"] = line.format(str(one["line"]).partition(" ")[2])
             if not is_long and "rate_hz" in one:
                 one["rate_hz"] = dice.choice((5, 20, 50))
