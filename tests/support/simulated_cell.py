@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,12 +13,12 @@ from daq import clock
 from daq.acquisition.streams import streams_of
 from daq.emulators import Motion
 from daq.emulators.instruments import instruments_of
-from daq.protocol.conversation import Device, Fault, Item
+from daq.protocol.conversation import Device, Fault, Item, Step
 from daq.service.daemon import Daemon
 from daq.wire.links import LinkLost
-from daq.wire.session import run_conversation
 from rigs.errors import CellError
 from rigs.load import parse
+from rigs.schema.links import udp_address
 from tests.support.simulated_clock import SimulatedClock, close_files_in
 
 _NETWORK_NS = 100_000
@@ -25,14 +26,18 @@ _ROUND_S = 0.2
 
 
 class SimulatedLine:
-    """A cable from an instrument to the daemon. character_ns: of a serial line, 0 over a network.
+    """A cable from an instrument to the daemon. character_ns: of a serial line, 0 over a network. datagrams: whether a
+    read gives what was sent at once, and no more.
 
-    change: what becomes of what the instrument sends, and how much later it comes, ns.
+    change: what becomes of what the instrument sends, and how much later it comes, ns. sent: is called with each piece
+    that the instrument sends, as it set out and as it goes, when it will be there, and by how much that is later; what
+    it returns is called when the daemon reads the piece.
     """
 
-    def __init__(self, name: str, character_ns: int) -> None:
-        self.name, self.plugged = name, True
+    def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
+        self.name, self.plugged, self.datagrams = name, True, datagrams
         self.change: Callable[[bytes], tuple[bytes, int]] = lambda data: (data, 0)
+        self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
         self.connections = 0
         self.ends: tuple[_End, _End] | None = None
         """The daemon's and the instrument's, while the daemon has it open."""
@@ -71,11 +76,11 @@ class _End:
         self.name, self.lost, self.sends_changed = line.name, False, False
         self.other: _End = self
         self._line, self._character_ns = line, character_ns
-        self.coming: deque[tuple[int, bytes]] = deque()
+        self.coming: deque[tuple[int, bytes, Callable[[], None]]] = deque()
         self._free_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        until_ns = clock.now_ns() + round(max(0.0, timeout_s) * 1e9)
+        until_ns = clock.now_ns() + max(0.0, timeout_s) * 1e9
         if timeout_s <= 0:
             clock.sleep(0)  # as a system call, it takes some time
         while not (self.coming and self.coming[0][0] <= clock.now_ns()):
@@ -83,25 +88,31 @@ class _End:
                 raise LinkLost("unplugged")
             if clock.now_ns() >= until_ns:
                 return b""
-            self._wait(min([until_ns, *(at_ns for at_ns, _ in self.coming)]))
+            self._wait(min(until_ns, self.coming[0][0]) if self.coming else until_ns)
         data = b""
         while self.coming and self.coming[0][0] <= clock.now_ns():
-            data += self.coming.popleft()[1]
+            _, piece, note_read = self.coming.popleft()
+            data += piece
+            note_read()
+            if self._line.datagrams:
+                break
         return data
 
-    def _wait(self, until_ns: int) -> None:
+    def _wait(self, until_ns: float) -> None:
         known, event = len(self.coming), clock.Event()
         event.is_set = lambda: self.lost or len(self.coming) > known  # type: ignore[method-assign]
-        event.wait((until_ns - clock.now_ns()) / 1e9)
+        event.wait(None if until_ns == math.inf else (until_ns - clock.now_ns()) / 1e9)
 
     def write(self, data: bytes) -> None:
         if self.lost:
             raise LinkLost("unplugged")
-        data, later_ns = self._line.change(data) if self.sends_changed else (data, 0)
-        self._free_ns = max(self._free_ns, clock.now_ns()) + len(data) * self._character_ns
+        changed, later_ns = self._line.change(data) if self.sends_changed else (data, 0)
+        self._free_ns = max(self._free_ns, clock.now_ns()) + len(changed) * self._character_ns
         at_ns = self._free_ns + later_ns + (0 if self._character_ns else _NETWORK_NS)
-        if data:
-            self.other.coming.append((max(at_ns, self.other.coming[-1][0] if self.other.coming else 0), data))
+        at_ns = max(at_ns, self.other.coming[-1][0] if self.other.coming else 0)
+        note_read = self._line.sent(data, changed, at_ns, later_ns) if self.sends_changed else _nothing
+        if changed:
+            self.other.coming.append((at_ns, changed, note_read))
         if self.sends_changed:  # an instrument goes on when its line is free; a computer's port has a buffer
             clock.sleep(max(0, self._free_ns - clock.now_ns()) / 1e9)
 
@@ -143,7 +154,8 @@ class SimulatedCell:
         with time.process("cell"):
             for stream in streams_of(self.rig):
                 pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
-                line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns)
+                by_udp = udp_address(stream.port) is not None
+                line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
                 made = self.made[stream.name] = []
                 body = _serving(line, devices[stream.name], made)
                 clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
@@ -183,7 +195,25 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
 
 
 def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
+    """As `run_conversation`, but an instrument that has nothing to do does not wake: quiet hours are cheap."""
     with contextlib.suppress(LinkLost):
-        run_conversation(end, device, lambda _: None, lambda: end.lost)
+        step = device.connected(clock.now_ns())
+        while True:
+            if step.send:
+                end.write(step.send)
+            if step.hang_up:
+                break
+            data = end.read(math.inf if step.wake_ns is None else (step.wake_ns - clock.now_ns()) / 1e9)
+            now_ns = clock.now_ns()
+            if data:
+                step = device.received(data, now_ns)
+            elif step.wake_ns is not None and now_ns >= step.wake_ns:
+                step = device.tick(now_ns)
+            else:
+                step = Step(wake_ns=step.wake_ns)
     if line.ends and line.ends[1] is end:
         line.reset()
+
+
+def _nothing() -> None:
+    pass

@@ -139,6 +139,10 @@ class SimulatedClock:
         finally:
             me.group = before
 
+    def threads(self, process: str) -> list[str]:
+        """The names of the threads of a process that run."""
+        return [task.thread.name for task in self._tasks.values() if task.group == process]
+
     def kill(self, *processes: str) -> None:
         """End all threads of these processes where they wait, one after the other."""
         doomed = [task for task in self._tasks.values() if task.group in processes]

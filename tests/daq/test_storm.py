@@ -1,0 +1,35 @@
+"""A storm of faults in simulated time: the daemon comes through it, and one with a planted bug does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.storm.mutants import MUTANTS
+from tests.support.storm.storm import weather
+
+FOUND_IN = {
+    "synced before it is": 5,
+    "first batch after an outage lost": 0,
+    "overflow not counted": 5,
+    "stamped after reading": 0,
+    "no third connection": 2,
+}
+"""The first world from seed 0 on, of seconds, in which a storm finds each of the planted bugs."""
+
+
+@pytest.mark.parametrize("seed", sorted(set(FOUND_IN.values())))
+def test_the_daemon_comes_through_the_storm(seed: int) -> None:
+    told = weather(seed)
+    assert told.violations == [], f"scripts/dev storm --seed {seed}"
+    assert told.rows and told.blows
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_planted_bug_is_found(name: str) -> None:
+    with MUTANTS[name]():
+        assert weather(FOUND_IN[name]).violations, name
+
+
+def test_a_world_is_the_same_each_time() -> None:
+    one, again = weather(2), weather(2)
+    assert (one.rows, one.blows, one.faults, one.seconds) == (again.rows, again.blows, again.faults, again.seconds)
