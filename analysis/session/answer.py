@@ -65,7 +65,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         condition=found.condition,
         standing=found.accuracy.standing,
         headline=words.headline,
-        accuracy=words.accuracy,
+        accuracy=f"{words.accuracy} {words.judged}",
         next_step=words.next_step,
         parts=tuple(parts),
         remedies=tuple(f"{words.noun(one.effect)}: {one.remedy}" for one in found.standing),

@@ -371,7 +371,7 @@ class Person:
         self._screen, self._ask = screen, ask
 
     def set_up(self, stage: Stage, rig_file: Path) -> Path:
-        self._screen.say(f"set up: {stage.words}")
+        """The guide has asked for it."""
         return rig_file
 
     def start(self, program: Program) -> None:

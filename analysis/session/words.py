@@ -113,6 +113,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     answer = session.answer
     if answer:
         yield f"found: {answer.headline}"
+        yield f"accuracy: {answer.accuracy}"
     if session.correction:
         yield f"corrected: {session.correction.sentence}"
     if session.verified:
