@@ -105,7 +105,11 @@ def session(
         entered=entered,
     )
     with _screen() as screen:
-        done = run_session(rig, text, place, asked, screen)
+        try:
+            done = run_session(rig, text, place, asked, screen)
+        except KeyboardInterrupt:
+            screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
+            raise typer.Exit(130) from None
     if as_json:
         say_json(_plain(done))
 
