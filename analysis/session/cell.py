@@ -34,6 +34,8 @@ _READS_S = 20.0
 _SILENT_S = 3.0
 """A stream without readings for so long is reported."""
 _STATUS_S = 1.0
+_MOVES_S = 0.5
+"""A robot that has not stood for so long moves, and is waited for."""
 _AGAIN_S = 1.0
 _WAITS, _GOES_ON = "waits for a person; type go on", ("goes on", "done", "stopped")
 """How lines of the emulated cell end that say whether a program waits."""
@@ -261,13 +263,15 @@ class _Drive:
                     if done is not None:
                         return self._judged(done, runs)
                 now_s = clock.now_s()
-                if self._watch.share > 0:
+                if self._watch.share > 0 or self._watch.stood_s < _MOVES_S:
                     until_s = now_s + wait_s
                 if now_s > until_s:
                     raise self._never()
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
                     self._tell_silent()
+                    if not self._recording:
+                        self._screen.show(f"  waiting for {self._step.program}: {(until_s - now_s) / 60:.0f} min left")
                 clock.sleep(LOOK_S)
         finally:
             if self._recording:
