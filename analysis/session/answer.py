@@ -29,7 +29,7 @@ _BY_ENTRIES: tuple[Use, ...] = ("joint zero", "link constant")
 _BY_TARGETS: tuple[Use, ...] = ("targets only",)
 _USE_OF: dict[str, Use] = {"constants": "link constant", "curve": "targets only", "gravity": "targets only"}
 """How the parts of an error that are many small terms can be corrected; the others cannot."""
-_NICE = 10
+_NICE = 5
 """The inference gives way to the readers of gauges and robot."""
 
 

@@ -285,7 +285,6 @@ class _Drive:
             self._begin(program, operator)
         elif seen == "driving" and not self._recording:
             self._tell(f"{program} began before it was recorded: let it end, then start it again")
-            self._watch.forget()
         elif seen == "driving":
             self._screen.show(f"  {program}: {100 * self._watch.share:.0f} % of its way, recorded")
         elif seen == "ended" and self._recording:

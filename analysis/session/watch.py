@@ -87,7 +87,8 @@ class Watch:
         """How long the robot has stood where it is."""
 
     def forget(self) -> None:
-        """Wait again, as at the beginning."""
+        """Wait again, as at the beginning, where the program that was followed has ended."""
+        self._ended, self._has_moved, self._first = self.program, False, None
         self.program, self._at = "", 0
 
     @property
@@ -95,8 +96,8 @@ class Watch:
         """How much of its way the robot has driven."""
         return self._at / max(1, len(self._ways[self.program].q_deg) - 1) if self.program else 0.0
 
-    def feed(self, t_s: float, joints_deg: Sequence[float]) -> Seen:
-        """Take in where the joints are at a time, and return what is seen."""
+    def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
+        """Take in where the six joints are at a time, and return what is seen."""
         q = np.asarray(joints_deg, dtype=float)
         if self._first is None:
             self._first = q

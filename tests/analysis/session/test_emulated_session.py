@@ -38,7 +38,19 @@ def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path: Path) 
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)
-    command = [BIN / "rig", "session", cell, "--for", "kuka", "--aim", "check", "--minutes", "1.4", "-o", directory]
+    command: list[str | Path] = [
+        BIN / "rig",
+        "session",
+        cell,
+        "--for",
+        "kuka",
+        "--aim",
+        "check",
+        "--minutes",
+        "1.4",
+        "-o",
+        directory,
+    ]
     command += ["--emulated", "--effects", "paper-fanuc"]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as first:
