@@ -104,7 +104,7 @@ def session(
         correct=correct,
         entered=entered,
     )
-    with _screen() as screen:
+    with _screen(aside=as_json) as screen:
         try:
             done = run_session(rig, text, place, asked, screen)
         except KeyboardInterrupt:
@@ -140,15 +140,18 @@ def _show(place: Place, *, as_json: bool) -> None:
 
 
 class _Lines:
-    """Lines that stay on standard output; what goes on is one line on a terminal, rewritten, and nothing elsewhere."""
+    """Lines that stay on standard output; what goes on is one line on a terminal, rewritten, and nothing elsewhere.
 
-    def __init__(self) -> None:
-        self._shown = False
+    aside: the lines stand on standard error, since JSON follows on standard output."""
+
+    def __init__(self, *, aside: bool) -> None:
+        self._shown, self._aside = False, aside
 
     def say(self, line: str) -> None:
         self._clear()
         for piece in _wrapped(line):
-            say(piece)
+            say(piece, err=self._aside)
+        sys.stdout.flush()
 
     def show(self, line: str) -> None:
         if sys.stderr.isatty():
@@ -173,8 +176,8 @@ def _wrapped(line: str) -> list[str]:
 
 
 @contextmanager
-def _screen() -> Iterator[_Lines]:
-    lines = _Lines()
+def _screen(*, aside: bool) -> Iterator[_Lines]:
+    lines = _Lines(aside=aside)
     try:
         yield lines
     finally:
