@@ -39,13 +39,14 @@ def run_session(rig: Rig, text: str, place: Place, asked: Asked, screen: Screen,
     Raises RigError; what was reached is kept, and the same call goes on.
     """
     with place:
-        session = place.read()
-        if session is None:
-            session = _begun(rig, text, asked, screen)
-            place.write(session)
+        kept = place.read()
+        session = kept or _begun(rig, text, asked, screen)
         _hold_same(session, text, asked, place)
-        if asked.entered and session.correction is not None:
-            session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
+        if asked.entered:
+            session = _entered(session)
+        if kept is not None:
+            _say_kept(kept, screen)
+        place.write(session)
         own = hands or _hands(session, place, screen)
         driver = LiveDriver(rig.name, place.directory, own, screen, asked.operator, asked.wait_min)
         pace = BY_ITSELF if session.emulated else BY_HAND
@@ -53,6 +54,22 @@ def run_session(rig: Rig, text: str, place: Place, asked: Asked, screen: Screen,
             return Guide(place, session, driver, screen, pace, wanted=asked.correct).run()
         finally:
             driver.close()
+
+
+def _say_kept(session: Session, screen: Screen) -> None:
+    """Say which session is gone on with: options that say otherwise have no effect on it."""
+    what = f"of {session.began}: aim {session.aim}, {session.minutes:g} minutes, for {session.maker}"
+    if session.report:
+        screen.say(f"this session is at its end ({what}); another begins with another --output")
+    else:
+        screen.say(f"going on with the session {what}")
+
+
+def _entered(session: Session) -> Session:
+    """Return a session whose values are entered. Raises UseError where there are none."""
+    if session.correction is None or session.correction.way != "entries":
+        raise UseError("--entered", "this session has no values to be entered", "leave it out")
+    return session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
 
 
 def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
