@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.inference.result import BudgetPart, Diagnosis
@@ -18,7 +19,6 @@ from analysis.session.processes import Child
 from analysis.session.state import Answer, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
-from rigs.errors import CellError
 from rigs.rig import Rig
 from rigs.schema.effect import Use
 
@@ -112,7 +112,7 @@ def main() -> None:
     except RigError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
-    (directory / ANSWER).write_text(answer.model_dump_json(), encoding="utf-8")
+    write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
 
 
 @dataclass
@@ -124,7 +124,8 @@ class Inference:
 
     @classmethod
     def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
-        """Start one that writes into a new directory. Raises CellError where the disk refuses."""
+        """Start one that writes into a new directory. Raises FileError and CellError where its request cannot be
+        written."""
         request = directory.with_suffix(".json")
         asked = {
             "used": [str(path) for path in used],
@@ -132,12 +133,7 @@ class Inference:
             "rig_file": str(rig_file),
             "directory": str(directory),
         }
-        try:
-            directory.parent.mkdir(parents=True, exist_ok=True)
-            request.write_text(json.dumps(asked), encoding="utf-8")
-        except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(request), what, "free some space; the same command goes on") from None
+        write_new(request, holding(json.dumps(asked).encode()))
         log = directory.with_suffix(".log")
         child = Child.start("analysis.session.answer", "inference", [request], log, nice=_NICE)
         return cls(child, directory)

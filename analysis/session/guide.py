@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from analysis.files.write import holding, write_all_over
 from analysis.measures.usable import why_unusable
 from analysis.session.answer import Driven, Inference, path_error
 from analysis.session.cell import Driver, Screen
@@ -26,7 +27,7 @@ from analysis.session.plan import (
 from analysis.session.state import MOST_TRIES, Answer, Place, Purpose, Session, Stage, Step, Try, Verified, Way
 from analysis.session.words import Words
 from daq import clock
-from daq.store import durable, load_manifest
+from daq.store import load_manifest
 from daq.store.manifest import is_run
 from rigs.errors import CellError, RigError
 from rigs.load import load
@@ -238,15 +239,9 @@ class Guide:
             self._write_cell(stage)
 
     def _write_cell(self, stage: Stage) -> None:
+        files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
         cells = self._place.directory / "cells"
-        try:
-            cells.mkdir(parents=True, exist_ok=True)
-            for name, content in self._rig.beside.items():
-                durable.replace(cells / name, content)
-            durable.replace(cells / f"{stage.name}.yaml", stage_text(self._text, stage).encode())
-        except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(cells), what, "free some space; the same command goes on") from None
+        write_all_over(cells, {name: holding(content) for name, content in files.items()})
 
     def _nominal_steps(self) -> list[Step]:
         return [step for step in self.session.steps if not step.program.endswith(FIXED)]

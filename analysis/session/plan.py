@@ -14,6 +14,7 @@ from pathlib import Path
 
 import yaml
 
+from analysis.files.write import holding, write_all_over
 from analysis.geometry.programs import circle_program
 from analysis.inference.plan import further_tests, places, with_circle
 from analysis.inference.plan import plan as plan_tests
@@ -23,8 +24,7 @@ from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
 from analysis.session.state import Aim, Purpose, Stage, Step
-from daq.store import durable
-from rigs.errors import CellError, FileError, RigPlace, UseError
+from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker, TestName
 from rigs.yaml_text import data_of
@@ -283,14 +283,9 @@ def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) 
 
 
 def write_programs(maker: Maker, programs: Sequence[Program], directory: Path) -> list[Path]:
-    """Write the files of programs for a maker's controllers, in place of those that are there. Raises CellError."""
+    """Write the files of programs for a maker's controllers, in place of those that are there. Raises FileError where
+    there can be none, CellError when the disk refuses."""
     files = programs_of(maker, [(program.plan, demand_of(program.plan)) for program in programs])
     end = DIALECTS[maker].newline
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            durable.replace(directory / name, content.replace("\n", end).encode("ascii"))
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(directory), what, "free some space; the same command goes on") from None
-    return [directory / name for name in files]
+    encoded = {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}
+    return write_all_over(directory, encoded)
