@@ -33,12 +33,14 @@ _READS_S = 20.0
 """The time until every stream has readings."""
 _SILENT_S = 3.0
 """A stream without readings for so long is reported."""
+_STANDS_S = 4.0
+"""A program stands for 3 s at its end."""
 _STATUS_S = 1.0
 _MOVES_S = 0.5
 """A robot that has not stood for so long moves, and is waited for."""
 _AGAIN_S = 1.0
-_WAITS, _GOES_ON = "waits for a person; type go on", ("goes on", "done", "stopped")
-"""How lines of the emulated cell end that say whether a program waits."""
+_WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
+"""How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 Say = Callable[[str], None]
@@ -402,7 +404,7 @@ class EmulatedHands:
         self._entered = list(entered)
         self._child: Child | None = None
         self._visits = 0
-        self._waits, self._may_go_on = False, False
+        self._waits, self._may_go_on, self._is_busy = False, False, False
 
     def set_up(self, stage: Stage, rig_file: Path) -> Path:
         """Start the emulated cell of a stage. Raises CellError."""
@@ -413,6 +415,7 @@ class EmulatedHands:
         if self._emulated.effects:
             arguments += ["--effects", self._emulated.effects]
         self._visits += 1
+        self._is_busy = self._waits = False
         arguments += ["--seed", str(self._emulated.seed + self._visits)]
         self._child = Child.start(
             "analysis.cli", "rig emulate", arguments, self._directory / "emulated.log", talks=True
@@ -425,7 +428,9 @@ class EmulatedHands:
     def start(self, program: Program) -> None:
         """Press start."""
         self._may_go_on = False
+        self._free()
         self._type(f"run {program.name}")
+        self._is_busy = True
 
     def go_on(self, program: Program) -> None:
         """Let the program go on as soon as it waits."""
@@ -437,12 +442,16 @@ class EmulatedHands:
         with suppress(queue.Empty):
             while True:
                 line = self._child.lines.get_nowait()
+                if line.startswith("error: stop:"):
+                    continue  # it ended just before
                 if line.startswith("error: "):
                     raise CellError("the emulated cell", line.removeprefix("error: "), f"see {self._child.log}")
                 if line.endswith(_WAITS):
                     self._waits = True
                 elif line.endswith(_GOES_ON):
                     self._waits = False
+                if line.endswith(_ENDS):
+                    self._is_busy = False
         if not self._child.runs:
             raise self._child.ended()
         if self._waits and self._may_go_on:
@@ -453,8 +462,20 @@ class EmulatedHands:
         """Enter the values of a file."""
         self._entered.append(file)
         if self._child is not None:
+            self._free()
             self._enter(file)
         return True
+
+    def _free(self) -> None:
+        """Let a program end that stands at its end, and stop one that drives or waits: what is typed next would wait
+        for it."""
+        until_s = clock.now_s() + _STANDS_S
+        while self._is_busy and clock.now_s() < until_s:
+            self.look()
+            clock.sleep(LOOK_S)
+        if self._is_busy:
+            self._type("stop")
+            self._is_busy = self._waits = False
 
     def leave(self) -> None:
         """Switch the cell off."""

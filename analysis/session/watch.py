@@ -32,6 +32,9 @@ _ENDED_S = 2.0
 _MORE_S = 3.0
 """It has been stopped if it stands for twice its longest planned stand and so much more elsewhere."""
 _ELSEWHERE_S = 4.0
+_MEANT_S = 4.0
+"""A robot that stood at the start of another program from the first look on is about to drive it if it stays there: the
+person may be on the way to the program that was asked for."""
 _STEP_DEG = 0.5
 """Between places of a way. Chosen: a tenth of what counts as astray."""
 _AHEAD = 240
@@ -112,7 +115,8 @@ class Watch:
             return "nothing"
         # Where a program ends another may begin: only the expected one is taken for meant where the robot stayed there.
         stayed = not self._has_moved and self._ended and _apart(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
-        for name in (self._expected, *(() if stayed else self._ways)):
+        is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
+        for name in (self._expected, *(self._ways if is_meant else ())):
             if _apart(q, self._ways[name].q_deg[0]) < NEAR_DEG:
                 self.program, self._at = name, 0
                 return "at_start"
