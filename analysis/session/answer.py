@@ -13,22 +13,16 @@ import numpy as np
 from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
-from analysis.inference.result import BudgetPart, Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.session.processes import Child
 from analysis.session.state import Answer, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.rig import Rig
-from rigs.schema.effect import Use
 
 ANSWER = "answer.json"
 _SHOWN = 6
 """Parts of the error that a session lists; the page has all."""
-_BY_ENTRIES: tuple[Use, ...] = ("joint zero", "link constant")
-_BY_TARGETS: tuple[Use, ...] = ("targets only",)
-_USE_OF: dict[str, Use] = {"constants": "link constant", "curve": "targets only", "gravity": "targets only"}
-"""How the parts of an error that are many small terms can be corrected; the others cannot."""
 _NICE = 5
 """The inference gives way to the readers of gauges and robot."""
 
@@ -73,27 +67,11 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         runs_to_decide=found.runs_to_decide,
         now_um=found.accuracy.now_um,
         calibrated_um=found.accuracy.calibrated_um,
-        by_entries_um=left_um(found, _BY_ENTRIES),
-        by_targets_um=left_um(found, (*_BY_ENTRIES, *_BY_TARGETS)),
         noise_um=found.train.noise_floor_um,
         seconds=round(found.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
     )
-
-
-def left_um(found: Diagnosis, uses: Sequence[Use]) -> float:
-    """Return what is left of the error in µm once the parts with these uses are taken away."""
-    held = sum(one.share for one in found.budget if _use_of(found, one) in uses)
-    left = found.accuracy.now_um * float(np.sqrt(max(0.0, 1.0 - held)))
-    return round(max(left, found.accuracy.calibrated_um), 2)
-
-
-def _use_of(found: Diagnosis, part: BudgetPart) -> Use:
-    """How a part of the error can be corrected."""
-    if part.index is not None:
-        return found.effects[part.index].effect.compensation().use
-    return _USE_OF.get(part.kind, "none")
 
 
 def main() -> None:

@@ -18,11 +18,15 @@ from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.support import supports
+from analysis.correction.work import used_effects
+from analysis.inference.compare import compare
 from analysis.kinematics.arm import arm_of, forward
 from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import Answer, Correction, Session, Stage, Step, Way
+from analysis.session.state import Correction, Session, Stage, Step, Way
+from analysis.traces.loading import Measured, load_measured
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
@@ -50,55 +54,78 @@ class Corrected:
     programs: dict[str, Program]
 
 
+@dataclass(frozen=True)
+class Left:
+    """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
+    entries hold, and with what corrected targets hold."""
+
+    now_um: float
+    by_entries_um: float
+    by_targets_um: float
+
+
 def corrected(
-    rig: Rig, session: Session, model_file: Path, steps: Sequence[Step], directory: Path, wanted: Way | None = None
+    rig: Rig,
+    session: Session,
+    model_file: Path,
+    runs: Sequence[Path],
+    steps: Sequence[Step],
+    directory: Path,
+    wanted: Way | None = None,
 ) -> Corrected:
     """Return the correction by a model that a session found, with its files in a directory, in place of an older one's.
 
-    steps: those that are driven after it. wanted: the way that a person chose. Raises FileError and CellError.
+    runs: on the circle of the rig, by which it is judged; steps: those that are driven after it; wanted: the way that a
+    person chose. Raises FileError and CellError.
     """
-    answer = session.answer
-    assert answer is not None  # noqa: S101 - it is corrected by it
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
     found = correct_rig(model, None, session.maker)
     correction_report.write(found, directory)
     entries = found.at_controller
     assert entries is not None  # noqa: S101 - a maker was given
-    way = wanted or way_of(answer, entries)
-    now_um = answer.now_um
+    measured = [load_measured(path) for path in runs]
+    held = ((), entries.effects, used_effects(model, found.effects))
+    left = Left(*(_left_um(measured, rig, effects) for effects in held))
+    way = wanted or way_of(left, entries)
     if way == "none":
-        sentence = f"Nothing of the error of {now_um:.0f} µm rms is worth correcting by numbers."
-        return Corrected(_correction(way, sentence, answer, now_um), {})
+        sentence = f"Nothing of the error of {left.now_um:.0f} µm rms is worth correcting by numbers."
+        return Corrected(_correction(way, sentence, left, left.now_um), {})
     if way == "entries":
-        sentence = f"{controller_report.first_sentence(entries)} The readings' error is {_expected(answer, 'entries')}."
-        return Corrected(_correction(way, sentence, answer, answer.by_entries_um), {})
+        falls = _falls(left, left.by_entries_um)
+        sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
+        return Corrected(_correction(way, sentence, left, left.by_entries_um), {})
     programs = corrected_programs(rig, model, session.stages, steps)
-    sentence = f"Load the corrected programs: the readings' error is {_expected(answer, 'programs')}."
-    return Corrected(_correction(way, sentence, answer, answer.by_targets_um), programs)
+    sentence = f"Load the corrected programs: the readings' error is {_falls(left, left.by_targets_um)}."
+    return Corrected(_correction(way, sentence, left, left.by_targets_um), programs)
 
 
-def _expected(answer: Answer, way: Way) -> str:
-    after_um = answer.by_entries_um if way == "entries" else answer.by_targets_um
-    return f"expected to fall from {answer.now_um:.0f} to {after_um:.0f} µm rms"
+def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
+    """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
+    known = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
+    every = np.concatenate([one.residuals_mm.ravel() for one in compare(runs, known).runs])
+    return 1e3 * float(np.sqrt(np.mean(every**2)))
 
 
-def _correction(way: Way, sentence: str, answer: Answer, expected_um: float) -> Correction:
+def _falls(left: Left, after_um: float) -> str:
+    return f"expected to fall from {left.now_um:.0f} to {after_um:.0f} µm rms"
+
+
+def _correction(way: Way, sentence: str, left: Left, expected_um: float) -> Correction:
     return Correction(
         way=way,
         sentence=sentence,
-        before_um=round(answer.now_um, 1),
+        before_um=round(left.now_um, 1),
         expected_um=round(expected_um, 1),
         directory=CORRECTIONS,
     )
 
 
-def way_of(answer: Answer, entries: ControllerEntries) -> Way:
+def way_of(left: Left, entries: ControllerEntries) -> Way:
     """Return how a robot is best corrected."""
-    by_targets_um, by_entries_um = (answer.now_um - left for left in (answer.by_targets_um, answer.by_entries_um))
-    if not entries.entries or entries.carried_um <= 0:
-        by_entries_um = 0.0
-    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * answer.now_um):
+    by_targets_um = left.now_um - left.by_targets_um
+    by_entries_um = left.now_um - left.by_entries_um if entries.entries else 0.0
+    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * left.now_um):
         return "none"
     return "entries" if by_entries_um >= _NEARLY * by_targets_um else "programs"
 

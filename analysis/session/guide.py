@@ -439,7 +439,9 @@ class Guide:
     def _make_correction(self, wanted: Way | None) -> Mapping[str, Program]:
         """Make the correction and its files; return the programs that it changes."""
         directory = self._place.directory / CORRECTIONS
-        made = corrected(self._rig, self.session, self._model_file(), self._verify_steps(), directory, wanted)
+        main = self.session.stages[0].name
+        runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
         self._known = {}
         self._made = made.correction
         return made.programs

@@ -109,8 +109,7 @@ class Answer(Part):
     """What the runs so far show. runs, judges: how many were used, and how many judged at another place; condition and
     standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
     rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
-    one run, root mean square; by_entries_um, by_targets_um: what would be left of the error if all that constants, or
-    targets, can hold were taken away, and no less than the calibration leaves."""
+    one run, root mean square."""
 
     runs: int
     judges: int = 0
@@ -126,8 +125,6 @@ class Answer(Part):
     runs_to_decide: int | None = None
     now_um: float
     calibrated_um: float
-    by_entries_um: float
-    by_targets_um: float
     noise_um: float
     seconds: float
     found: str

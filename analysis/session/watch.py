@@ -100,7 +100,7 @@ class Watch:
         return self._at / max(1, len(self._ways[self.program].q_deg) - 1) if self.program else 0.0
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Take in where the six joints are at a time, and return what is seen."""
+        """Take in where the joints (6,) are at a time, and return what is seen."""
         q = np.asarray(joints_deg, dtype=float)
         if self._first is None:
             self._first = q
