@@ -140,11 +140,16 @@ class Rigd:
             clock.sleep(LOOK_S)
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Ask it. Raises CellError."""
+        """Ask it, over another connection where it has closed one that was silent for long. Raises RigError."""
         assert self._client is not None  # noqa: S101 - since it came up
         if not self._child.runs:
             raise self._child.ended()
-        return self._client.ask(command, **fields)
+        try:
+            return self._client.ask(command, **fields)
+        except CellError:  # of the connection: what rigd itself refuses is another RigError
+            self._client.__exit__()
+            self._client = Client(find_socket(self._name)).__enter__()
+            return self._client.ask(command, **fields)
 
     def silent(self) -> list[str]:
         """Return the streams without a recent reading."""
