@@ -157,5 +157,6 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     replay,  # noqa: F401
     report,  # noqa: F401
     runs,  # noqa: F401
+    session,  # noqa: F401
     simulate,  # noqa: F401
 )

@@ -34,6 +34,14 @@ def program(
         float | None,
         typer.Option(min=0.5, max=600, help="Seconds to stand at each target of radial and repeatability; default: 3."),
     ] = None,
+    arc_deg: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0,
+            max=90.0,
+            help="Longest arc of a circle in degrees, shorter where its targets are to be corrected; default: 90.",
+        ),
+    ] = None,
     outputs: Annotated[
         str,
         typer.Option(
@@ -54,15 +62,18 @@ def program(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.robot_programs.compensated import table_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
-    from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
+    from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of  # noqa: PLC0415
     from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
     if dwell_s is not None and test in CIRCLES:
         raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
+    if arc_deg is not None and test not in CIRCLES:
+        raise typer.BadParameter(f"the {test} program drives no circle", param_hint="--arc-deg")
     rig, _ = load(rig_file)
     with named_by(rig_file, rig), progress_of("checking the programs"):
-        nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs))
+        arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
+        nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)
         plans = _compensated(nominal, path) if path else nominal
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(maker, list(zip(plans, demands, strict=True)))

@@ -12,7 +12,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, direction_option, operator_or_user
-from rigs.errors import FileError, RigError
+from rigs.errors import RigError
 from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
@@ -64,6 +64,7 @@ def stop(rig: RigName = None) -> None:
 
     Standard error has its faults, its seal, and why rig analyse would refuse it.
     """
+    from analysis.measures.usable import why_unusable  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
@@ -76,30 +77,10 @@ def stop(rig: RigName = None) -> None:
         if seal := ended.get("seal"):
             say(f"seal: {seal}", err=True)
         rows = sum(counters.get("samples", 0) for counters in ended["counters"].values())
-        if rows <= _MOST_ROWS and (why := _why_unusable(Path(ended["run"]))):
+        if rows <= _MOST_ROWS and (why := why_unusable(Path(ended["run"]))):
             say(f"cannot be analysed: {why}; drive it again", err=True)
             with suppress(RigError):  # a daemon that is older, or gone
                 client.ask("judged", run=ended["run"], said=why)
-
-
-def _why_unusable(run: Path) -> str:
-    """Why `rig analyse` would refuse a run, or a convention shows that it is none, while the robot can still drive it
-    again; empty where it is good."""
-    from analysis.conventions.check import why_no_measurement  # noqa: PLC0415
-    from analysis.measures.results import result_of  # noqa: PLC0415
-    from analysis.traces.loading import measured_of  # noqa: PLC0415
-    from daq.store import read_run  # noqa: PLC0415
-
-    try:
-        recorded = read_run(run)
-        if recorded.manifest.test != "pose":  # which has a table of its own
-            measured = measured_of(recorded)
-            if why := why_no_measurement(measured):
-                return why
-            result_of(measured)
-    except FileError as error:
-        return error.what
-    return ""
 
 
 @command(app, "rig status")

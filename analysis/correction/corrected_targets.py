@@ -80,7 +80,16 @@ class Corrected:
 def corrected(rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
     """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected, but for
     those that have no angles, that stand beyond limits or at a singularity."""
-    known, model = pose_uncertainty(rig, found), model_of(rig, used_effects(rig, found))
+    angles, done, left = corrected_angles(rig, found, q, unsolved)
+    return _stated(rig, found, pose_uncertainty(rig, found), q, angles, done, left)
+
+
+def corrected_angles(
+    rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
+) -> tuple[Array, Mask, list[NotCorrected]]:
+    """Return the corrected angles (n, 6) rad alone, which of them (n,) are, and those that are not, for targets as of
+    `corrected`."""
+    model = model_of(rig, used_effects(rig, found))
     left = {one.place: one for one in unsolved}
     left |= {one.place: one for one in _beyond_limits(model.arm, q) if one.place not in left}
     done = np.array([k not in left for k in range(len(q))], dtype=bool)
@@ -90,7 +99,7 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[N
     left |= {one.place: one for one in _beyond_limits(model.arm, angles) if reached[one.place]}
     done = np.array([k not in left for k in range(len(q))], dtype=bool)
     angles[~done] = q[~done]
-    return _stated(rig, found, known, q, angles, done, [left[k] for k in sorted(left)])
+    return angles, done, [left[k] for k in sorted(left)]
 
 
 def _stated(

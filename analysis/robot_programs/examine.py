@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array, forward
 from analysis.kinematics.singularity import cancelling_axes, conditioning
-from analysis.robot_programs.plan import JointMove, Move, Plan, Target, end_of, in_base, start_of
+from analysis.robot_programs.plan import Dwell, JointMove, Move, Plan, Target, Turn, end_of, in_base, start_of
 
 _STEP_RAD = np.radians(2.0)
 """The fastest joint turns by so much between samples of a joint move."""
@@ -42,7 +42,7 @@ def demand_of(plan: Plan) -> Demand:
     """What a plan asks of the arm."""
     arm = plan.arm
     moves = [step for step in plan.steps if isinstance(step, Move)]
-    pieces = [_angles(end_of(before), move) for before, move in pairwise(moves)]
+    pieces = [angles_along(end_of(before), move) for before, move in pairwise(moves)]
     link = [not isinstance(move, JointMove) for move in moves[1:]]
     q = np.concatenate([start_of(plan).q[None], *pieces])
     places = in_base(arm, forward(arm, q))[:, :3, 3]
@@ -62,13 +62,35 @@ def demand_of(plan: Plan) -> Demand:
     )
 
 
-def _angles(begin: Target, move: Move) -> Array:
+def angles_along(begin: Target, move: Move) -> Array:
     """Joint angles (n, 6) rad along a move, without its beginning."""
     if not isinstance(move, JointMove):
         return move.q[1:]
     count = 1 + int(np.abs(move.target.q - begin.q).max() / _STEP_RAD)
     joints: Array = begin.q + np.linspace(0, 1, count + 1)[1:, None] * (move.target.q - begin.q)
     return joints
+
+
+def seconds_of(plan: Plan) -> float:
+    """How long a program takes from where it stands at its start, without waiting for a person, s."""
+    at, seconds = start_of(plan), 0.0
+    for step in plan.steps:
+        if isinstance(step, Dwell):
+            seconds += step.seconds
+        elif isinstance(step, Move):
+            seconds += _seconds_of_move(plan, at, step)
+            at = end_of(step)
+    return seconds
+
+
+def _seconds_of_move(plan: Plan, begin: Target, move: Move) -> float:
+    q = np.concatenate([begin.q[None], angles_along(begin, move)])
+    if isinstance(move, JointMove):
+        return float(np.abs(move.target.q - begin.q).max() / move.speed_rad_s)
+    if isinstance(move, Turn):
+        return move.angle / move.speed_rad_s
+    places = in_base(plan.arm, forward(plan.arm, q))[:, :3, 3]
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / move.speed_mm_s
 
 
 def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:

@@ -66,32 +66,45 @@ _STAND_S = 3.0
 """Standing before the motion: automatic runs know it by a stand, and `still_s` is 2 s unless given."""
 
 
-def plans_of(rig: Rig, test: DrivenTest, dwell_s: float, outputs: tuple[int, ...] = ()) -> list[Plan]:
+def plans_of(
+    rig: Rig,
+    test: DrivenTest,
+    dwell_s: float,
+    outputs: tuple[int, ...] = (),
+    arc_deg: float = LONGEST_ARC_DEG,
+) -> list[Plan]:
     """The plans of a test, one for each program. Raises FileError where the robot cannot do it, UseError for outputs
     that no program would switch.
 
     dwell_s: standing at each target; outputs: digital outputs for the signal of automatic runs, where the rig file does
-    not name them.
+    not name them; arc_deg: the longest arc of a circle, shorter where its targets are to be corrected one by one.
     """
     directions: tuple[Direction | None, ...] = ("acw", "cw") if test in CIRCLES else (None,)
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions):
         what = f"the rig file has no rule that waits for a signal of the {test} test"
         raise UseError("--outputs", what, "add it to automatic.rules, or leave --outputs out")
-    return [_planned(rig, test, direction, dwell_s, outputs) for direction in directions]
+    return [_planned(rig, test, direction, dwell_s, outputs, arc_deg) for direction in directions]
 
 
-def _planned(rig: Rig, test: DrivenTest, direction: Direction | None, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+def _planned(
+    rig: Rig,
+    test: DrivenTest,
+    direction: Direction | None,
+    dwell_s: float,
+    outputs: tuple[int, ...],
+    arc_deg: float,
+) -> Plan:
     if direction is not None:
-        return _circle(rig, test, direction, outputs)
+        return _circle(rig, test, direction, outputs, arc_deg)
     return _radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)
 
 
-def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...]) -> Plan:
+def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> Plan:
     circle, arm = circle_of(rig), arm_of(rig.robot)
     t_s, phi = lap(circle, direction)
     q = circle_program(rig, direction).q[: len(t_s)]
     factor = way_back(arm, fastest_joints(t_s, q))
-    pieces = _pieces(rig, phi, q)
+    pieces = _pieces(rig, phi, q, arc_deg)
     there = _arcs(pieces, circle.speed_mm_s)
     reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
     back = _arcs(reverse, factor * circle.speed_mm_s)
@@ -102,11 +115,12 @@ def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int
     return _plan(rig, test, direction, outputs, pieces[0][0], laps)
 
 
-def _pieces(rig: Rig, phi: Array, q: Array) -> list[_Piece]:
-    """Arcs of equal length along a lap whose joint angles are q (m, 6) rad at circle angles phi (m,) rad."""
+def _pieces(rig: Rig, phi: Array, q: Array, arc_deg: float) -> list[_Piece]:
+    """Arcs of equal length, of at most arc_deg, along a lap whose joint angles are q (m, 6) rad at circle angles phi
+    (m,) rad."""
     circle, arm = circle_of(rig), arm_of(rig.robot)
     driven = np.abs(phi - phi[0])
-    count = int(np.ceil(driven[-1] / np.radians(LONGEST_ARC_DEG) - 1e-9))
+    count = int(np.ceil(driven[-1] / np.radians(arc_deg) - 1e-9))
     half = int(np.ceil(driven[-1] / (2 * count) / _FINE_RAD))
     share = np.linspace(0, 1, 2 * half * count + 1)
     poses = in_base(arm, frame_of(circle).poses(phi[0] + share * (phi[-1] - phi[0])))

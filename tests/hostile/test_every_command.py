@@ -6,6 +6,7 @@ A command that is added needs a case here, or the walk fails.
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import shutil
@@ -236,12 +237,26 @@ def cases() -> dict[str, Case]:
         "keep": lambda cell, own: [[shutil.copytree(first(cell), own / (EVIL.replace("/", "|") + BYTES))]],
         "recover": lambda cell, own: [[first(cell)], [cell / EVIL]],
         "verify": lambda cell, own: [[first(cell)], [cell / EVIL]],
+        "session": lambda cell, own: [
+            [cell / "rig.yaml", "--status", "-o", _kept_session(own / (EVIL.replace("/", "|") + BYTES))],
+            [cell / "rig.yaml", "--for", "ur", "-o", own / (EVIL.replace("/", "|") + BYTES)],
+            [EVIL, "--for", "ur", "-o", own / "s", "--emulated", "--effects", EVIL],
+            [cell / "rig.yaml", "--for", "ur", "-o", cell / "rig.yaml"],
+        ],
         "simulate": lambda cell, own: [
             [cell / "rig.yaml", "--test", "radial", "-o", own / (EVIL.replace("/", "|") + BYTES), "--csv"],
             [cell / "rig.yaml", "--test", "radial", "-o", own / "s", "--effects", EVIL],
         ],
         "status": lambda cell, own: [[], ["--json"], ["--rig", EVIL]],
     }
+
+
+def _kept_session(directory: Path) -> Path:
+    """A directory with the state of a session that a hostile hand has edited."""
+    directory.mkdir()
+    text = json.dumps({"version": 1, "rig": EVIL, "rig_file": EVIL, "aim": EVIL, EVIL: [EVIL]})
+    (directory / "session.yaml").write_text(text, encoding="utf-8")
+    return directory
 
 
 def commands(group: Any, above: str = "") -> Iterator[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose
 from analysis.measures.pose import PoseResult
+from analysis.reporting.page.before_after import BeforeAfter
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -24,6 +25,8 @@ class Report:
     found: Diagnosis | None
     undiagnosed: str
     left_out: tuple[str, ...]
+    after: BeforeAfter | None = None
+    """What a correction did, measured on the robot."""
 
     @property
     def title(self) -> str:
@@ -38,10 +41,11 @@ def gather(
     diagnosed: bool = True,
     found: Diagnosis | None = None,
     left_out: Sequence[RigError] = (),
+    after: BeforeAfter | None = None,
     progress: Callable[[str], None],
 ) -> Report:
     """Compare and diagnose runs that were evaluated. found: a diagnosis made already; diagnosed: whether to make one;
-    left_out: why other runs could not be evaluated.
+    left_out: why other runs could not be evaluated; after: what a correction did.
 
     Runs that cannot be compared or diagnosed are reported all the same, with the reason. Raises FileError for runs of
     several robots.
@@ -59,7 +63,7 @@ def gather(
     simulated, corrected = _compared(results, model), None
     if found is not None and found.standing:
         corrected = _compared(results, found.extended_rig)
-    return Report(model, tuple(results), simulated, corrected, found, undiagnosed, tuple(map(str, left_out)))
+    return Report(model, tuple(results), simulated, corrected, found, undiagnosed, tuple(map(str, left_out)), after)
 
 
 def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:

@@ -148,6 +148,8 @@ _KNOWN = {
     "reporting/diagnosis_report.py": "the same",
     "reporting/plots.py": "the same",
     "paper/pictures.py": "the same",
+    "session/processes.py": "the log of a process, which grows line by line",
+    "session/state.py": "the directory of a session, whose files durable.replace and writers above write",
     "reporting/html_page.py": "the parent of a file that durable.replace writes",
     "reporting/page/pdf.py": "the same",
     "reporting/page/still_chart.py": "a picture in memory",

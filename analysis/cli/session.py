@@ -1,0 +1,184 @@
+"""`rig session CELL`: from a checked rig file to a corrected robot, guided."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.commands import command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, RigArgument, operator_or_user
+from rigs.schema.vocabulary import Maker, maker_of
+from rigs.text import plain
+
+if TYPE_CHECKING:
+    from analysis.session.state import Place, Session
+
+_MINUTES, _WAIT_MIN = 50.0, 15.0
+
+
+@command(app, "rig session cell.yaml --for ur")
+def session(
+    rig_file: RigArgument,
+    minutes: Annotated[
+        float, typer.Option(min=1, max=1440, help="Time at hand, with set-ups and the verification.")
+    ] = _MINUTES,
+    aim: Annotated[
+        Literal["faults", "accuracy", "check"],
+        typer.Option(
+            help="What for. faults: what is worn, loose or shifted, until it is known; accuracy: as long as the time "
+            "lasts; check: the circle alone, and no correction."
+        ),
+    ] = "faults",
+    maker: Annotated[
+        Maker | None, typer.Option("--for", help="Maker of the controller; default: that of the robot feedback.")
+    ] = None,
+    directory: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),
+    ] = None,
+    correct: Annotated[
+        Literal["entries", "programs", "none"] | None,
+        typer.Option(help="How the robot is corrected; default: the way that takes more of its error away."),
+    ] = None,
+    entered: Annotated[
+        bool, typer.Option("--entered", help="The values of the correction are entered at the controller.")
+    ] = False,
+    wait_min: Annotated[
+        float, typer.Option(min=0.1, max=1440, help="Minutes that the robot has to begin a program.")
+    ] = _WAIT_MIN,
+    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
+    emulated: Annotated[
+        bool,
+        typer.Option("--emulated", help="Emulate the cell, whose robot drives by itself; no person is needed."),
+    ] = False,
+    effects: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="With --emulated: hidden effects, or the name of a shipped rig; default: none."
+        ),
+    ] = "",
+    seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
+    status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure, understand, correct and verify a robot, one program after the other.
+
+    The session says which program to start, records it, says whether the
+    run can be used, and what the runs so far show. It is kept in
+    DIR/session.yaml after each step: the same command goes on with it,
+    after Ctrl-C and on another day.
+    """
+    from analysis.session.state import Emulated, Place  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
+    from rigs.load import find, load  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    place = Place(directory or Path(f"session-{rig.name}"))
+    if status:
+        _show(place, as_json=as_json)
+        return
+    if effects and not emulated:
+        raise UseError("--effects", "is allowed only with --emulated", "add --emulated")
+    controller = maker or maker_of(rig.feedback.interface)
+    if controller is None:
+        raise UseError("--for", "is not given, and the feedback does not name the maker", "give --for")
+    from analysis.session.run import Asked, run_session  # noqa: PLC0415
+
+    asked = Asked(
+        rig_file=str(find(rig_file).resolve()),
+        aim=aim,
+        minutes=minutes,
+        maker=controller,
+        emulated=Emulated(effects=_located(effects), seed=seed) if emulated else None,
+        operator=operator_or_user(operator),
+        wait_min=wait_min,
+        correct=correct,
+        entered=entered,
+    )
+    with _screen(aside=as_json) as screen:
+        try:
+            done = run_session(rig, text, place, asked, screen)
+        except KeyboardInterrupt:
+            screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
+            raise typer.Exit(130) from None
+    if as_json:
+        say_json(_plain(done))
+
+
+def _located(effects: str) -> str:
+    """The effects by a path that holds wherever the cell is started; a shipped name stays."""
+    path = Path(effects)
+    return str(path.resolve()) if effects and path.is_file() else effects
+
+
+def _plain(found: Session) -> object:
+    return found.model_dump(mode="json")
+
+
+def _show(place: Place, *, as_json: bool) -> None:
+    from analysis.session.guide import next_of  # noqa: PLC0415
+    from analysis.session.words import status_lines  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    found = place.read()
+    if found is None:
+        raise FileError(str(place.file), "no session was begun here", "begin one: rig session RIG")
+    if as_json:
+        say_json(_plain(found))
+        return
+    for line in status_lines(found, next_of(found), place.directory):
+        say(line)
+
+
+class _Lines:
+    """Lines that stay on standard output; what goes on is one line on a terminal, rewritten, and nothing elsewhere.
+
+    aside: the lines stand on standard error, since JSON follows on standard output."""
+
+    def __init__(self, *, aside: bool) -> None:
+        self._shown, self._aside = False, aside
+
+    def say(self, line: str) -> None:
+        self._clear()
+        for piece in _wrapped(line):
+            say(piece, err=self._aside)
+        sys.stdout.flush()
+
+    def show(self, line: str) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r\x1b[K{plain(line)[: shutil.get_terminal_size().columns - 1]}")
+            sys.stderr.flush()
+            self._shown = True
+
+    def _clear(self) -> None:
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+            self._shown = False
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line in pieces as wide as the terminal, the further ones indented; whole where there is no terminal."""
+    if not sys.stdout.isatty():
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    columns = shutil.get_terminal_size().columns
+    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+@contextmanager
+def _screen(*, aside: bool) -> Iterator[_Lines]:
+    lines = _Lines(aside=aside)
+    try:
+        yield lines
+    finally:
+        lines._clear()

@@ -1,0 +1,195 @@
+"""What the runs of a session show: the inference in a process beside it, and the error of the robot's own path."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.files.write import holding, write_new
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_laps, circle_of
+from analysis.kinematics.arm import Array
+from analysis.session.processes import Child
+from analysis.session.state import Answer, PartOfError, PathError
+from analysis.traces.loading import Measured, load_measured
+from analysis.traces.tables import CircleTable
+from rigs.rig import Rig
+
+ANSWER = "answer.json"
+_SHOWN = 6
+"""Parts of the error that a session lists; the page has all."""
+_NICE = 5
+"""The inference gives way to the readers of gauges and robot."""
+
+
+def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Answer:
+    """Diagnose runs beside the model of a rig file, judged by runs at a place that is not used, and write what was
+    found into a directory. Raises RigError."""
+    import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
+    from analysis.reporting.answer_words import AnswerWords, part_of  # noqa: PLC0415
+    from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
+    found = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
+    written = write(found, text, directory)
+    words = AnswerWords(found)
+    faults = [part_of(found, one) for one in found.standing]
+    parts = [
+        PartOfError(
+            part=words.part_name(one),
+            kind=one.kind,
+            size=words.size_of(one),
+            share=round(one.share, 4),
+            um=round(one.um, 2),
+            fault=one in faults,
+        )
+        for one in found.budget[:_SHOWN]
+    ]
+    model = next((path for path in written if path.suffix == ".yaml"), None)
+    return Answer(
+        runs=len(used),
+        judges=len(judges),
+        condition=found.condition,
+        standing=found.accuracy.standing,
+        headline=words.headline,
+        accuracy=f"{words.accuracy} {words.judged}",
+        next_step=words.next_step,
+        parts=tuple(parts),
+        remedies=tuple(f"{words.noun(one.effect)}: {one.remedy}" for one in found.standing),
+        next_test=found.next_test.test if found.next_test else "",
+        runs_to_decide=found.runs_to_decide,
+        now_um=found.accuracy.now_um,
+        calibrated_um=found.accuracy.calibrated_um,
+        noise_um=found.train.noise_floor_um,
+        seconds=round(found.seconds, 1),
+        found=directory.name,
+        model=model.name if model else "",
+    )
+
+
+def main() -> None:
+    """The process of an inference: its request is a file of JSON, its answer another one beside what was found."""
+    from rigs.errors import RigError  # noqa: PLC0415
+
+    request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    directory = Path(request["directory"])
+    try:
+        answer = infer(
+            [Path(one) for one in request["used"]],
+            [Path(one) for one in request["judges"]],
+            Path(request["rig_file"]),
+            directory,
+        )
+    except RigError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_code)
+    write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
+
+
+@dataclass
+class Inference:
+    """An inference under way in a process of its own."""
+
+    child: Child
+    directory: Path
+
+    @classmethod
+    def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
+        """Start one that writes into a new directory. Raises FileError and CellError where its request cannot be
+        written."""
+        request = directory.with_suffix(".json")
+        asked = {
+            "used": [str(path) for path in used],
+            "judges": [str(path) for path in judges],
+            "rig_file": str(rig_file),
+            "directory": str(directory),
+        }
+        write_new(request, holding(json.dumps(asked).encode()))
+        log = directory.with_suffix(".log")
+        child = Child.start("analysis.session.answer", "inference", [request], log, nice=_NICE)
+        return cls(child, directory)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+        return not self.child.runs
+
+    def result(self) -> Answer:
+        """Return its answer. Raises CellError where it has none."""
+        if self.child.exit_code != 0:
+            raise self.child.ended()
+        text = (self.directory / ANSWER).read_text(encoding="utf-8")
+        return Answer.model_validate_json(text)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The error of the path: readings against those that the commanded circle would give, whatever the joints were told.
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a controller drove by: the model of the arm, and by how much its joints read more since values were entered,
+    (6,) degrees."""
+
+    model: Rig | None = None
+    reading_deg: Sequence[float] = (0.0,) * 6
+
+
+def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathError | None:
+    """Return how far the tool was from the commanded circle in runs, set-ups fitted; None for no runs.
+
+    noise_um: scatter of one run, root mean square. The joints that a controller reports do not say where it meant to
+    be once it was corrected; the circle angle does, by which the commanded joints are found again. Raises FileError.
+    """
+    from analysis.inference.compare import compare  # noqa: PLC0415 - slow to import
+
+    measured = [as_commanded(load_measured(path), driven) for path in runs]
+    if not measured:
+        return None
+    residuals_mm = []
+    for one in measured:
+        compared = compare([one], one.rig)
+        residuals_mm += [run.residuals_mm for run in compared.runs]
+    every = np.concatenate([one.ravel() for one in residuals_mm])
+    return PathError(
+        um=round(float(1e3 * np.sqrt(np.mean(every**2))), 2),
+        largest_um=round(float(1e3 * np.abs(every).max()), 2),
+        u_um=round(noise_um / float(np.sqrt(len(measured))), 2),
+        runs=len(measured),
+    )
+
+
+def as_commanded(run: Measured, driven: Driven) -> Measured:
+    """Return a run on a circle with the joints that a sound arm would have had on the commanded circle, about a rig
+    without errors."""
+    table = run.table
+    bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+    if not isinstance(table, CircleTable):
+        return replace(run, rig=bare)
+    laps = circle_laps(bare, table.direction)
+    phi = _circle_angles(run, table.q, driven)
+    middle = (laps.phi[0] + laps.phi[-1]) / 2
+    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
+    order = np.argsort(laps.phi)
+    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
+    return replace(run, rig=bare, table=replace(table, q=q))
+
+
+def _circle_angles(run: Measured, q: Array, driven: Driven) -> Array:
+    """Circle angles (n,) rad of reported joint angles q (n, 6) rad."""
+    from analysis.correction.work import tool_poses  # noqa: PLC0415 - slow to import
+    from analysis.kinematics.arm import arm_of, forward  # noqa: PLC0415
+    from analysis.model.predict import model_of  # noqa: PLC0415
+
+    frame = frame_of(circle_of(run.rig))
+    if driven.model is None:
+        return frame.angle(forward(arm_of(run.rig.robot), q)[:, :3, 3])
+    real = run.rig.modelled_as(driven.model)
+    return frame.angle(tool_poses(model_of(real), q - np.radians(driven.reading_deg))[:, :3, 3])

@@ -1,0 +1,498 @@
+"""The cell of a session: rigd as a process, the hands that set up and press start, and a step driven to its run.
+
+rigd is asked to record when the robot stands at the start of a program, and to stop when it has come to the end of its
+way and stands there. So a run is of the program that was driven, whichever was asked for.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from analysis.measures.usable import why_unusable
+from analysis.session.plan import Program
+from analysis.session.processes import Child, await_line
+from analysis.session.state import Emulated, Stage, Step
+from analysis.session.watch import Watch, Way
+from daq import clock
+from daq.service.client import Client, find_socket
+from rigs.errors import CellError, RigError
+from rigs.schema.vocabulary import Maker
+
+LOOK_S = 0.1
+"""Between two looks at the joints."""
+_READY_S = 30.0
+"""The time for rigd and an emulated cell to come up."""
+_LEAVES_S = 6.0
+"""The time that the daemon of a session has to end after it."""
+_READS_S = 20.0
+"""The time until every stream has readings."""
+_SILENT_S = 3.0
+"""A stream without readings for so long is reported."""
+_STANDS_S = 4.0
+"""A program stands for 3 s at its end."""
+_STATUS_S = 1.0
+_MOVES_S = 0.5
+"""A robot that has not stood for so long moves, and is waited for."""
+_AGAIN_S = 1.0
+_WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
+"""How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+Say = Callable[[str], None]
+
+
+class Screen(Protocol):
+    """Where a session says what happens."""
+
+    def say(self, line: str) -> None:
+        """Say a line that stays."""
+
+    def show(self, line: str) -> None:
+        """Show what is going on, in place of what was shown before."""
+
+
+class Hands(Protocol):
+    """What is done at the cell: by a person who is asked, or by an emulated cell."""
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """Set up a stage; return the rig file of the cell as it then is."""
+
+    def start(self, program: Program) -> None:
+        """Start a program, or ask for it."""
+
+    def go_on(self, program: Program) -> None:
+        """Let a program that waits for its recording go on, or ask for it."""
+
+    def look(self) -> None:
+        """Look whether the cell is still there. Raises CellError."""
+
+    def enter(self, file: Path) -> bool:
+        """Enter the values of a file at the controller; return whether that is done."""
+
+    def leave(self) -> None:
+        """Leave the cell."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty."""
+
+    name: str
+    program: str
+    why: str
+
+
+class Driver(Protocol):
+    """What drives the steps of a session and records them."""
+
+    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Make a stage ready, whose programs these are."""
+
+    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        """Have a step driven; `wait` is called while nothing is to be done. Raises CellError."""
+
+    def enter(self, file: Path) -> bool:
+        """Have values entered; return whether that is done."""
+
+    def close(self) -> None:
+        """Leave the cell as it is."""
+
+
+class Rigd:
+    """The daemon of a session."""
+
+    @classmethod
+    def start(cls, rig_name: str, rig_file: Path, runs: Path, log: Path) -> Rigd:
+        """Start it, and wait until every stream has readings. Raises CellError."""
+        _hold_unserved(rig_name)
+        rigd = cls(rig_name, Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", runs], log))
+        try:
+            rigd._come_up()
+        except BaseException:
+            rigd.stop()
+            raise
+        return rigd
+
+    def __init__(self, rig_name: str, child: Child) -> None:
+        self._name, self._child = rig_name, child
+        self._client: Client | None = None
+
+    def _come_up(self) -> None:
+        until_s = clock.now_s() + _READY_S
+        while self._client is None:
+            if not self._child.runs:
+                raise self._child.ended()
+            if clock.now_s() > until_s:
+                raise CellError("rigd", f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
+            clock.sleep(LOOK_S)
+            with suppress(CellError):
+                self._client = Client(find_socket(self._name)).__enter__()
+        until_s = clock.now_s() + _READS_S
+        while silent := self.silent():
+            if clock.now_s() > until_s:
+                names = ", ".join(silent)
+                raise CellError(names, f"no readings in {_READS_S:.0f} s", "see rig doctor; then the same command")
+            clock.sleep(LOOK_S)
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Ask it, over another connection where it has closed one that was silent for long. Raises RigError."""
+        assert self._client is not None  # noqa: S101 - since it came up
+        if not self._child.runs:
+            raise self._child.ended()
+        try:
+            return self._client.ask(command, **fields)
+        except CellError:  # of the connection: what rigd itself refuses is another RigError
+            self._client.__exit__()
+            self._client = Client(find_socket(self._name)).__enter__()
+            return self._client.ask(command, **fields)
+
+    def silent(self) -> list[str]:
+        """Return the streams without a recent reading."""
+        streams = self.ask("status")["streams"]
+        return [
+            name for name, stream in streams.items() if not stream["age_s"] or min(stream["age_s"].values()) > _SILENT_S
+        ]
+
+    def joints(self) -> tuple[float, list[float]] | None:
+        """Return the newest joint angles in degrees with their time in s, None where there are none."""
+        robot = self.ask("samples", after={})["streams"].get("robot")
+        if not robot or not robot["rows"]:
+            return None
+        row, columns = robot["rows"][-1], robot["columns"]
+        angles = [row[1 + columns.index(name)] for name in _JOINTS]
+        return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
+
+    def stop(self) -> None:
+        """Stop it; a run that it records is closed."""
+        if self._client is not None:
+            self._client.__exit__()
+        self._child.stop()
+
+
+def _hold_unserved(rig_name: str) -> None:
+    """Raise CellError where another rigd serves a rig; that of a session which was just killed has some seconds."""
+    until_s = clock.now_s() + _LEAVES_S
+    while True:
+        try:
+            serving = find_socket(rig_name)
+        except CellError:
+            return
+        if clock.now_s() > until_s:
+            what = f"a rigd serves {rig_name} already ({serving}), and a session starts its own"
+            raise CellError("rigd", what, "stop that one first; as a service: sudo systemctl stop rigd@NAME")
+        clock.sleep(LOOK_S)
+
+
+class LiveDriver:
+    """Drives steps in a cell whose instruments rigd reads."""
+
+    def __init__(
+        self, rig_name: str, directory: Path, hands: Hands, screen: Screen, operator: str, wait_min: float
+    ) -> None:
+        """wait_min: how many minutes a robot has to begin."""
+        self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
+        self._operator, self._wait_s = operator, 60 * wait_min
+        self._rigd: Rigd | None = None
+        self._programs: Mapping[str, Program] = {}
+        self._ways: dict[str, Way] = {}
+        self._ended = ""
+        """The program that was driven to its end last, at this stage."""
+
+    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Make a stage ready: hands set it up, and rigd reads the cell as it then is. Raises CellError."""
+        if self._rigd is not None:
+            self._rigd.stop()
+            self._rigd = None
+        self._programs = programs
+        self._ways = {name: Way.of(program.plan) for name, program in programs.items()}
+        self._ended = ""
+        rig_file = self._hands.set_up(stage, self._directory / "cells" / f"{stage.name}.yaml")
+        self._rigd = Rigd.start(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
+
+    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
+        assert self._rigd is not None  # noqa: S101 - a stage was set up
+        watch = Watch(self._ways, step.program, self._ended)
+        drive = _Drive(self._rigd, self._hands, self._screen, self._programs, watch, step, wait)
+        self._ended = ""
+        run = drive.run(self._operator, self._wait_s, self._directory / "runs")
+        self._ended = drive.ended
+        return run
+
+    def enter(self, file: Path) -> bool:
+        """Have values entered at the controller."""
+        return self._hands.enter(file)
+
+    def close(self) -> None:
+        """Stop rigd, and leave the cell."""
+        if self._rigd is not None:
+            self._rigd.stop()
+        self._hands.leave()
+
+
+class _Drive:
+    """One step, from when it is asked for to its run."""
+
+    def __init__(
+        self,
+        rigd: Rigd,
+        hands: Hands,
+        screen: Screen,
+        programs: Mapping[str, Program],
+        watch: Watch,
+        step: Step,
+        wait: Callable[[], None],
+    ) -> None:
+        self._rigd, self._hands, self._screen = rigd, hands, screen
+        self._programs, self._watch, self._step, self._wait = programs, watch, step, wait
+        self.ended = ""
+        """The program that came to its end, empty where none did."""
+        self._recording = ""
+        """The program whose run is being recorded, or none."""
+        self._told: set[str] = set()
+        self._try_again_s = 0.0
+
+    def run(self, operator: str, wait_s: float, runs: Path) -> Run:
+        """Have it driven; a recording that is cut short is ended in any case."""
+        self._hands.start(self._programs[self._step.program])
+        until_s, look_s = clock.now_s() + wait_s, 0.0
+        try:
+            while True:
+                self._wait()
+                self._hands.look()
+                if (found := self._rigd.joints()) is not None:
+                    done = self._seen(self._watch.feed(*found), operator)
+                    if done is not None:
+                        return self._judged(done, runs)
+                now_s = clock.now_s()
+                if self._watch.share > 0 or self._watch.stood_s < _MOVES_S:
+                    until_s = now_s + wait_s
+                if now_s > until_s:
+                    raise self._never()
+                if now_s > look_s:
+                    look_s = now_s + _STATUS_S
+                    self._tell_silent()
+                    if not self._recording:
+                        self._screen.show(f"  waiting for {self._step.program}: {(until_s - now_s) / 60:.0f} min left")
+                clock.sleep(LOOK_S)
+        finally:
+            if self._recording:
+                with suppress(RigError):
+                    self._rigd.ask("record_stop")
+
+    def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
+        """Act on what is seen; return the program that has come to its end, and why its run is unusable, or empty."""
+        program = self._watch.program
+        if seen == "at_start" and not self._recording:
+            self._begin(program, operator)
+        elif seen == "driving" and not self._recording:
+            self._tell(f"{program} began before it was recorded: let it end, then start it again")
+        elif seen == "driving":
+            self._screen.show(f"  {program}: {100 * self._watch.share:.0f} % of its way, recorded")
+        elif seen == "ended" and self._recording:
+            self.ended = program
+            return program, ""
+        elif seen in ("ended", "stopped", "astray") and not self._recording:
+            self._watch.forget()
+        elif seen == "stopped":
+            return program, f"the robot stopped at {100 * self._watch.share:.0f} % of its way"
+        elif seen == "astray":
+            return program, f"the robot left the way of {program} at {100 * self._watch.share:.0f} % of it"
+        elif seen == "elsewhere":
+            self._tell(f"the robot drove something that is no program of this stage: start {self._step.program}")
+        return None
+
+    def _begin(self, program: str, operator: str) -> None:
+        """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
+        if clock.now_s() < self._try_again_s:
+            return
+        one = self._programs[program]
+        if program != self._step.program:
+            self._tell(f"this is {program}, not {self._step.program}: it is recorded as what it is")
+        try:
+            self._rigd.ask(
+                "record_start",
+                name=program,
+                test=one.test,
+                direction=one.direction,
+                operator=operator,
+                placement=one.stage,
+            )
+        except RigError as error:
+            self._tell(f"nothing is recorded: {error}")
+            self._try_again_s = clock.now_s() + _AGAIN_S
+            return
+        self._recording = program
+        self._hands.go_on(one)
+
+    def _judged(self, done: tuple[str, str], runs: Path) -> Run:
+        """End the recording, and say whether it can be used."""
+        program, why = done
+        ended = self._rigd.ask("record_stop")
+        self._recording = ""
+        name = Path(ended["run"]).name
+        why = why or why_unusable(runs / name)
+        if why and (faults := _faults(ended["counters"])):
+            why = f"{why} ({faults})"
+        return Run(name, program, why)
+
+    def _tell(self, line: str) -> None:
+        """Say something once."""
+        if line not in self._told:
+            self._told.add(line)
+            self._screen.say(line)
+
+    def _tell_silent(self) -> None:
+        for name in self._rigd.silent():
+            self._tell(f"{name} sends no readings: check its cable; see rig doctor")
+
+    def _never(self) -> CellError:
+        silent = self._rigd.silent()
+        if silent:
+            return CellError(", ".join(silent), "sends no readings", "see rig doctor; then the same command goes on")
+        where = "stands at its start and was not started" if self._recording else "was not started"
+        return CellError(self._step.program, where, "start it; the same command goes on")
+
+
+def _faults(counters: Mapping[str, Mapping[str, int]]) -> str:
+    """Faults of each stream in words."""
+    found = []
+    for stream, counted in counters.items():
+        faults = [f"{count} {kind}" for kind, count in counted.items() if kind != "samples"]
+        if faults:
+            found.append(f"{stream}: {', '.join(faults)}")
+    return "; ".join(found)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Hands: a person who is asked, and an emulated cell that needs nobody.
+
+
+class Person:
+    """A person at the cell, who is asked; what they did shows in what the robot does."""
+
+    def __init__(self, screen: Screen, ask: Callable[[str], bool]) -> None:
+        """ask: has a person confirm something; false where there is none."""
+        self._screen, self._ask = screen, ask
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """The guide has asked for it."""
+        return rig_file
+
+    def start(self, program: Program) -> None:
+        """The guide has asked for it."""
+
+    def go_on(self, program: Program) -> None:
+        self._screen.say(f"{program.name} is recorded: mount the link, and let the program continue")
+
+    def look(self) -> None:
+        """A person looks after themselves."""
+
+    def enter(self, file: Path) -> bool:
+        return self._ask(f"the values of {file} are entered, and checked as it says")
+
+    def leave(self) -> None:
+        """They go home."""
+
+
+class EmulatedHands:
+    """An emulated cell in a process: its robot drives the programs, and values are entered at its controller."""
+
+    def __init__(self, directory: Path, maker: Maker, emulated: Emulated, entered: Sequence[Path]) -> None:
+        """entered: files whose values the controller has already."""
+        self._directory, self._maker, self._emulated = directory, maker, emulated
+        self._entered = list(entered)
+        self._child: Child | None = None
+        self._visits = 0
+        self._waits, self._may_go_on, self._is_busy = False, False, False
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """Start the emulated cell of a stage. Raises CellError."""
+        self.leave()
+        cell = self._directory / "emulated"
+        programs = self._directory / "programs" / stage.name
+        arguments: list[str | Path] = ["emulate", rig_file, "--programs", programs, "--for", self._maker, "-o", cell]
+        if self._emulated.effects:
+            arguments += ["--effects", self._emulated.effects]
+        self._visits += 1
+        self._is_busy = self._waits = False
+        arguments += ["--seed", str(self._emulated.seed + self._visits)]
+        self._child = Child.start(
+            "analysis.cli", "rig emulate", arguments, self._directory / "emulated.log", talks=True
+        )
+        await_line(self._child, "ready", _READY_S)
+        for file in self._entered:
+            self._enter(file)
+        return cell / "rig.yaml"
+
+    def start(self, program: Program) -> None:
+        """Press start."""
+        self._may_go_on = False
+        self._free()
+        self._type(f"run {program.name}")
+        self._is_busy = True
+
+    def go_on(self, program: Program) -> None:
+        """Let the program go on as soon as it waits."""
+        self._may_go_on = True
+
+    def look(self) -> None:
+        """Hear what the cell says. Raises CellError for an error of it, and where it has ended."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        with suppress(queue.Empty):
+            while True:
+                line = self._child.lines.get_nowait()
+                if line.startswith("error: stop:"):
+                    continue  # it ended just before
+                if line.startswith("error: "):
+                    raise CellError("the emulated cell", line.removeprefix("error: "), f"see {self._child.log}")
+                if line.endswith(_WAITS):
+                    self._waits = True
+                elif line.endswith(_GOES_ON):
+                    self._waits = False
+                if line.endswith(_ENDS):
+                    self._is_busy = False
+        if not self._child.runs:
+            raise self._child.ended()
+        if self._waits and self._may_go_on:
+            self._waits = self._may_go_on = False
+            self._type("go on")
+
+    def enter(self, file: Path) -> bool:
+        """Enter the values of a file."""
+        self._entered.append(file)
+        if self._child is not None:
+            self._free()
+            self._enter(file)
+        return True
+
+    def _free(self) -> None:
+        """Let a program end that stands at its end, and stop one that drives or waits: what is typed next would wait
+        for it."""
+        until_s = clock.now_s() + _STANDS_S
+        while self._is_busy and clock.now_s() < until_s:
+            self.look()
+            clock.sleep(LOOK_S)
+        if self._is_busy:
+            self._type("stop")
+            self._is_busy = self._waits = False
+
+    def leave(self) -> None:
+        """Switch the cell off."""
+        if self._child is not None:
+            self._child.stop()
+            self._child = None
+
+    def _enter(self, file: Path) -> None:
+        assert self._child is not None  # noqa: S101 - a cell that runs
+        self._type(f"enter {file}")
+        await_line(self._child, f"{file}: entered", _READY_S)
+
+    def _type(self, line: str) -> None:
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        self._child.type_line(line)

@@ -1,0 +1,172 @@
+"""The correction as a step of a session: values for the controller, or programs with corrected targets.
+
+Which of the two is decided by what they take away: values that are entered once serve every program and are preferred
+where they carry nearly as much; gears and soft joints are held by targets alone. A play, and whatever else depends on
+where a joint came from, is corrected by neither: a person mends it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.correction.controller_entries import ControllerEntries
+from analysis.correction.correct import correct_rig
+from analysis.correction.corrected_targets import corrected_angles
+from analysis.correction.support import supports
+from analysis.correction.work import used_effects
+from analysis.inference.compare import compare
+from analysis.kinematics.arm import arm_of, forward
+from analysis.reporting import controller_report, correction_report
+from analysis.robot_programs.compensated import compensated, targets_of
+from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
+from analysis.session.state import Correction, Session, Stage, Step, Way
+from analysis.traces.loading import Measured, load_measured
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import DrivenTest
+from rigs.yaml_text import read_yaml
+
+CORRECTIONS = "corrections"
+_FILE = "corrections.yaml"
+_ARC_DEG = 5.0
+"""Arcs of a program whose targets are corrected. On an arc a controller turns the tool evenly from end to end, so a
+wave of eight a lap keeps 6 % of what it does to the angle; 55 % at 15° (measured: 14 µm instead of 5)."""
+_NEARLY = 0.8
+"""Share of what corrected targets take away from which entries are preferred. Chosen."""
+_ENTER = "choose --correct entries"
+_LEAST_UM, _LEAST_SHARE = 2.0, 0.05
+"""What a correction must take away of the error of the readings at least, in µm and as a share of it. Chosen: less is
+not worth a person's time, nor shown by a second measurement."""
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """What a correction is, and the programs that it changes, by the programs whose place they take."""
+
+    correction: Correction
+    programs: dict[str, Program]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
+    entries hold, and with what corrected targets hold."""
+
+    now_um: float
+    by_entries_um: float
+    by_targets_um: float
+
+
+def corrected(
+    rig: Rig,
+    session: Session,
+    model_file: Path,
+    runs: Sequence[Path],
+    steps: Sequence[Step],
+    directory: Path,
+    wanted: Way | None = None,
+) -> Corrected:
+    """Return the correction by a model that a session found, with its files in a directory, in place of an older one's.
+
+    runs: on the circle of the rig, by which it is judged; steps: those that are driven after it; wanted: the way that a
+    person chose. Raises FileError and CellError.
+    """
+    shutil.rmtree(directory, ignore_errors=True)
+    model, _ = load(model_file)
+    found = correct_rig(model, None, session.maker)
+    correction_report.write(found, directory)
+    entries = found.at_controller
+    assert entries is not None  # noqa: S101 - a maker was given
+    measured = [load_measured(path) for path in runs]
+    held = ((), entries.effects, used_effects(model, found.effects))
+    left = Left(*(_left_um(measured, rig, effects) for effects in held))
+    way = wanted or way_of(left, entries)
+    if way == "none":
+        sentence = f"Nothing of the error of {left.now_um:.0f} µm rms is worth correcting by numbers."
+        return Corrected(_correction(way, sentence, left, left.now_um), {})
+    if way == "entries":
+        falls = _falls(left, left.by_entries_um)
+        sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
+        return Corrected(_correction(way, sentence, left, left.by_entries_um), {})
+    programs = corrected_programs(rig, model, session.stages, steps)
+    sentence = f"Load the corrected programs: the readings' error is {_falls(left, left.by_targets_um)}."
+    return Corrected(_correction(way, sentence, left, left.by_targets_um), programs)
+
+
+def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
+    """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
+    known = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
+    every = np.concatenate([one.residuals_mm.ravel() for one in compare(runs, known).runs])
+    return 1e3 * float(np.sqrt(np.mean(every**2)))
+
+
+def _falls(left: Left, after_um: float) -> str:
+    return f"expected to fall from {left.now_um:.0f} to {after_um:.0f} µm rms"
+
+
+def _correction(way: Way, sentence: str, left: Left, expected_um: float) -> Correction:
+    return Correction(
+        way=way,
+        sentence=sentence,
+        before_um=round(left.now_um, 1),
+        expected_um=round(expected_um, 1),
+        directory=CORRECTIONS,
+    )
+
+
+def way_of(left: Left, entries: ControllerEntries) -> Way:
+    """Return how a robot is best corrected."""
+    by_targets_um = left.now_um - left.by_targets_um
+    by_entries_um = left.now_um - left.by_entries_um if entries.entries else 0.0
+    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * left.now_um):
+        return "none"
+    return "entries" if by_entries_um >= _NEARLY * by_targets_um else "programs"
+
+
+def entries_file(directory: Path) -> Path:
+    """The file with the values to be entered."""
+    return directory / _FILE
+
+
+def reading_deg(directory: Path) -> tuple[float, ...]:
+    """Return how much more each joint (6,) reads, in degrees, once the values of a correction are entered."""
+    data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
+    more = [0.0] * 6
+    for entry in data["controller"]["entries"]:
+        more[entry["axis"] - 1] += entry["reading_deg"]
+    return tuple(more)
+
+
+def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
+    """Return corrected programs in place of those of some steps, by the names of those. Raises FileError where a target
+    cannot be corrected."""
+    found: dict[str, Program] = {}
+    for stage in stages:
+        own = [step for step in steps if step.stage == stage.name]
+        for test in dict.fromkeys(step.test for step in own):
+            new = {one.direction: one for one in _of_test(rig, model, stage, test)}
+            for step in own:
+                if step.test == test and step.program not in found:
+                    found[step.program] = named_as(new[step.direction], f"{step.program}{FIXED}")
+    return found
+
+
+def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Program]:
+    programs = programs_for(rig, stage, test, arc_deg=_ARC_DEG)
+    moved = stage_rig(rig, stage).modelled_as(model)
+    targets = [targets_of(one.plan) for one in programs]
+    q = np.array([target.q for own in targets for target in own])
+    angles, _, left = corrected_angles(moved, supports(model), q)
+    where = f"the corrected programs of the stage {stage.name}"
+    if left:
+        raise FileError(where, f"{len(left)} targets cannot be corrected: {left[0].what}", _ENTER)
+    poses = forward(arm_of(moved.robot), angles)
+    plans = compensated([one.plan for one in programs], angles, poses, range(1, len(q) + 1), where)
+    return [replace(one, plan=plan) for one, plan in zip(programs, plans, strict=True)]

@@ -1,0 +1,118 @@
+"""A session from its command: begun or gone on with, in a cell or an emulated one."""
+
+from __future__ import annotations
+
+import datetime as dt
+import sys
+from dataclasses import dataclass
+
+from analysis.session.cell import EmulatedHands, Hands, LiveDriver, Person, Screen
+from analysis.session.correct import CORRECTIONS, entries_file
+from analysis.session.guide import Guide
+from analysis.session.plan import BY_HAND, BY_ITSELF, planned
+from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
+from rigs.errors import FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Maker
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person asks for. wait_min: minutes that a robot has to begin; correct: the way that was chosen; entered:
+    whether the values of the correction are entered."""
+
+    rig_file: str
+    aim: Aim
+    minutes: float
+    maker: Maker
+    emulated: Emulated | None
+    operator: str
+    wait_min: float
+    correct: Way | None = None
+    entered: bool = False
+
+
+def run_session(rig: Rig, text: str, place: Place, asked: Asked, screen: Screen, hands: Hands | None = None) -> Session:
+    """Begin a session, or go on with the one that is kept, to its end. hands: what acts at the cell, in place of a
+    person or of the emulated cell's own.
+
+    Raises RigError; what was reached is kept, and the same call goes on.
+    """
+    with place:
+        kept = place.read()
+        session = kept or _begun(rig, text, asked, screen)
+        _hold_same(session, text, asked, place)
+        if asked.entered:
+            session = _entered(session)
+        if kept is not None:
+            _say_kept(kept, screen)
+        place.write(session)
+        own = hands or _hands(session, place, screen)
+        driver = LiveDriver(rig.name, place.directory, own, screen, asked.operator, asked.wait_min)
+        pace = BY_ITSELF if session.emulated else BY_HAND
+        try:
+            return Guide(place, session, driver, screen, pace, wanted=asked.correct).run()
+        finally:
+            driver.close()
+
+
+def _say_kept(session: Session, screen: Screen) -> None:
+    """Say which session is gone on with: options that say otherwise have no effect on it."""
+    what = f"of {session.began}: aim {session.aim}, {session.minutes:g} minutes, for {session.maker}"
+    if session.report:
+        screen.say(f"this session is at its end ({what}); another begins with another --output")
+    else:
+        screen.say(f"going on with the session {what}")
+
+
+def _entered(session: Session) -> Session:
+    """Return a session whose values are entered. Raises UseError where there are none."""
+    if session.correction is None or session.correction.way != "entries":
+        raise UseError("--entered", "this session has no values to be entered", "leave it out")
+    return session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
+
+
+def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
+    screen.show("planning")
+    pace = BY_ITSELF if asked.emulated else BY_HAND
+    stages, steps = planned(rig, asked.aim, asked.minutes, pace, screen.show)
+    return Session(
+        rig=rig.name,
+        rig_file=asked.rig_file,
+        rig_sha256=digest_of(text),
+        aim=asked.aim,
+        maker=asked.maker,
+        minutes=asked.minutes,
+        began=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+        emulated=asked.emulated,
+        stages=stages,
+        steps=steps,
+    )
+
+
+def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
+    """Raise an error where the session that is kept is of another cell, or was begun otherwise."""
+    if session.rig_sha256 != digest_of(text):
+        what = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
+        raise FileError(str(place.file), what, "restore that file, or begin another session with another --output")
+    if (session.emulated is None) != (asked.emulated is None):
+        kind = "a real" if session.emulated is None else "an emulated"
+        raise UseError("--emulated", f"this session is of {kind} cell", "go on as it was begun, or give another -o")
+
+
+def _hands(session: Session, place: Place, screen: Screen) -> Hands:
+    if session.emulated is None:
+        return Person(screen, _confirmed)
+    correction = session.correction
+    entered = [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
+    return EmulatedHands(place.directory, session.maker, session.emulated, entered)
+
+
+def _confirmed(what: str) -> bool:
+    """Ask a person at the terminal whether something is so; false where there is none."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
+        return False
+    try:
+        return input(f"{what}? [y] ").strip().lower() in ("", "y", "yes")
+    except EOFError:
+        return False

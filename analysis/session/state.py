@@ -1,0 +1,292 @@
+"""The state of a session: one file that a person can read, written whole after each step.
+
+Everything that a session knows is here; which step comes next follows from it alone (`analysis.session.guide`). So a
+session that was interrupted, however, goes on with the same command.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import Field, ValidationError, model_validator
+
+from daq.store import durable
+from rigs.errors import CellError, FileError
+from rigs.files import read_text
+from rigs.problems import RigFileError, problems_of
+from rigs.schema.declared_tests import Circle
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
+from rigs.yaml_text import read_yaml
+
+STATE = "session.yaml"
+_HEAD = """\
+# A session of rig: what is driven, what was found, and how far it is. `rig session {rig}` goes on with it.
+"""
+_MOST_BYTES = 1_000_000
+MOST_TRIES = 3
+"""So often a step is driven again by itself before a person is asked to look at the cell."""
+
+Aim = Literal["faults", "accuracy", "check"]
+"""What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""
+Purpose = Literal["find", "judge", "verify"]
+"""What a run is for: to find errors; to judge at a place that is not used for that; or to see what a correction did."""
+Way = Literal["entries", "programs", "none"]
+"""How the robot is corrected: values entered at the controller, programs with corrected targets, or not at all."""
+
+
+class Stage(Part):
+    """What a person sets up before some programs: where the ball stands and how the gauges are mounted. circle: where
+    it differs from that of the rig file; words: what to set up."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
+    words: str
+    circle: Circle | None = None
+
+
+class Try(Part):
+    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable."""
+
+    run: str
+    why: str = ""
+
+
+class Step(Part):
+    """A program to be driven. program: its name, also of its file; tries: the runs recorded for it, the last counts;
+    skipped: why it is not needed any more, or empty."""
+
+    program: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
+    stage: str
+    test: DrivenTest
+    direction: Direction | None = None
+    purpose: Purpose = "find"
+    seconds: Annotated[float, Field(ge=0)]
+    tries: tuple[Try, ...] = ()
+    skipped: str = ""
+
+    @property
+    def run(self) -> str | None:
+        """The usable run of the step, if there is one."""
+        return next((one.run for one in self.tries[::-1] if not one.why), None)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is still to be driven."""
+        return self.run is None and not self.skipped
+
+    @property
+    def title(self) -> str:
+        """`yaw acw`, say."""
+        return " ".join(filter(None, (self.test, self.direction)))
+
+
+class PartOfError(Part):
+    """A part of the error in words, with its share of the whole and its root mean square in µm."""
+
+    part: str
+    kind: str = ""
+    size: str = ""
+    share: float
+    um: float
+    fault: bool = False
+
+
+class PathError(Part):
+    """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
+    square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
+
+    um: float
+    largest_um: float
+    u_um: float
+    runs: int
+
+
+class Answer(Part):
+    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; condition and
+    standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
+    rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
+    one run, root mean square."""
+
+    runs: int
+    judges: int = 0
+    condition: str
+    standing: str | None
+    headline: str
+    accuracy: str
+    next_step: str
+    parts: tuple[PartOfError, ...]
+    remedies: tuple[str, ...] = ()
+    """What a person does about each fault."""
+    next_test: str = ""
+    runs_to_decide: int | None = None
+    now_um: float
+    calibrated_um: float
+    noise_um: float
+    seconds: float
+    found: str
+    model: str = ""
+    """The rig file with what was found."""
+
+
+class Correction(Part):
+    """What is corrected and how. sentence: what a person does; expected_um: what the correction is expected to leave
+    of the error of the readings, and before_um what it was; directory: of its files; entered: whether a person
+    entered the values."""
+
+    way: Way
+    sentence: str
+    before_um: float
+    expected_um: float
+    directory: str = ""
+    entered: bool = False
+
+
+class Verified(Part):
+    """The error on the robot before and after, on the same tests and at the place that was not used; None where one
+    side was not driven."""
+
+    same_before: PathError | None = None
+    same_after: PathError | None = None
+    elsewhere_before: PathError | None = None
+    elsewhere_after: PathError | None = None
+
+
+class Emulated(Part):
+    """The emulated cell of a session: its hidden effects and the seed of its noise."""
+
+    effects: str = ""
+    seed: int = 1
+
+
+class Session(Part):
+    """All of it."""
+
+    version: Literal[1] = 1
+    rig: str
+    rig_file: str
+    rig_sha256: str
+    aim: Aim
+    maker: Maker
+    minutes: float
+    began: str
+    emulated: Emulated | None = None
+    stages: tuple[Stage, ...]
+    steps: tuple[Step, ...]
+    driven_minutes: float = 0.0
+    """Minutes from the start of each step to its run, pauses between sessions left out."""
+    left_alone: tuple[str, ...] = ()
+    """Runs in the directory that are of no step: of somebody else, or broken off."""
+    answer: Answer | None = None
+    answered: str = ""
+    """Why no more is measured to find errors; empty while something is."""
+    correction: Correction | None = None
+    verified: Verified | None = None
+    report: str = ""
+    """The page, once the session is at its end."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Session:
+        known = [stage.name for stage in self.stages]
+        if len(set(known)) < len(known):
+            raise ValueError("two stages have one name")
+        for step in self.steps:
+            if step.stage not in known:
+                raise ValueError(f"the step {step.program} is of the stage {step.stage!r}, which is not there")
+            if (step.direction is None) == (step.test in CIRCLES):
+                raise ValueError(f"the step {step.program} needs a direction, as only circles have one")
+        return self
+
+    def stage_of(self, step: Step) -> Stage:
+        """Return what is set up for a step."""
+        return next(stage for stage in self.stages if stage.name == step.stage)
+
+    def with_step(self, number: int, step: Step) -> Session:
+        """Return the session with another state of a step, counted from 0."""
+        return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
+
+    def runs_for(self, *purposes: Purpose) -> list[Step]:
+        """Return the driven steps with these purposes."""
+        return [step for step in self.steps if step.purpose in purposes and step.run]
+
+
+class Place:
+    """The directory of a session: its file, and the lock that one process holds while it works with it."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self._lock: int | None = None
+
+    def __enter__(self) -> Place:
+        """Take the lock. Raises CellError where another session has it, FileError where there can be none."""
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            self._lock = durable.try_lock(self.directory)
+        except OSError as error:
+            raise FileError(str(self.directory), error.strerror or str(error), "give another --output") from None
+        if self._lock is None:
+            what = "another rig session works in this directory"
+            raise CellError(str(self.directory), what, "end that one, or look at it with --status")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._lock is not None:
+            durable.close(self._lock)
+
+    @property
+    def file(self) -> Path:
+        """The file of the state."""
+        return self.directory / STATE
+
+    @property
+    def runs(self) -> Path:
+        """The directory of the runs."""
+        return self.directory / "runs"
+
+    def run(self, name: str) -> Path:
+        """The directory of a run."""
+        return self.runs / name
+
+    def read(self) -> Session | None:
+        """Return the session that is kept here, None where there is none. Raises FileError, RigFileError."""
+        try:
+            text = read_text(self.file, _MOST_BYTES)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise FileError(str(self.file), error.strerror or str(error), "check its permissions") from None
+        root, data = read_yaml(text, str(self.file))
+        try:
+            return Session.model_validate(data)
+        except ValidationError as error:
+            raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
+
+    def write(self, session: Session) -> None:
+        """Keep a session, durably and at once. Raises CellError where the disk refuses; the old one stays then."""
+        head = _HEAD.format(rig=session.rig_file)
+        try:
+            durable.replace(self.file, (head + text_of(session)).encode())
+        except OSError as error:
+            what = f"cannot be written: {error.strerror or error}"
+            raise CellError(str(self.file), what, "free some space; the same command goes on") from None
+
+
+Keep = Callable[[Session], None]
+"""Keeps a state of the session."""
+
+
+def text_of(session: Session) -> str:
+    """Return a session as YAML: a line for each step, without what is as usual."""
+    plain: dict[str, Any] = session.model_dump(mode="json", exclude_defaults=True)
+    text: str = yaml.safe_dump(
+        {"version": 1, **plain}, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
+    )
+    return text
+
+
+def digest_of(text: str) -> str:
+    """Return by what a rig file is known again."""
+    return hashlib.sha256(text.encode()).hexdigest()

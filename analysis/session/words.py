@@ -1,0 +1,171 @@
+"""What a session says on the screen: a line for each step, the parts of the error as they grow, and the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from analysis.session.cell import Run, Screen
+from analysis.session.plan import Pace, minutes_of
+from analysis.session.state import Answer, Correction, PartOfError, PathError, Session, Stage, Step, Verified
+from rigs.text import as_argument
+
+_PURPOSES = {
+    "find": "to find errors",
+    "judge": "to judge by, used for nothing else",
+    "verify": "after the correction",
+}
+_BAR = 20
+_WIDTH = 34
+
+
+class Words:
+    """Says what happens in a session."""
+
+    def __init__(self, directory: Path, screen: Screen) -> None:
+        self._directory, self._say = directory, screen.say
+
+    def plan(self, session: Session, pace: Pace) -> None:
+        """What is still to be driven."""
+        rest = [step for step in session.steps if step.is_open]
+        if not rest:
+            return
+        driven = len(session.steps) - len(rest)
+        goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
+        minutes = minutes_of(session.stages, rest, pace)
+        self._say(f"{session.rig}: {len(rest)} programs to drive, {minutes:.0f} minutes{goes_on}")
+        for line in plan_lines(rest):
+            self._say(f"  {line}")
+        self._say(f"programs for {session.maker}: {self._directory / 'programs'}")
+
+    def stage(self, stage: Stage) -> None:
+        """What is to be set up."""
+        self._say(f"-- {stage.name}: {stage.words}")
+
+    def step(self, session: Session, number: int) -> None:
+        """Which program is to be started, and by which commands it would be recorded without a session."""
+        step = session.steps[number]
+        again = " again" if any(one.program == step.program and one.run for one in session.steps[:number]) else ""
+        self._say(f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}")
+        if not again:
+            way = f" --direction {step.direction}" if step.direction else ""
+            self._say(f"  the same by hand: rig record start {step.program} --test {step.test}{way}; rig record stop")
+
+    def run(self, run: Run) -> None:
+        """Whether a run can be used."""
+        self._say(f"  {run.name}: {f'not usable: {run.why}; drive it again' if run.why else 'usable'}")
+
+    def left_alone(self, path: Path) -> None:
+        """A run that is of no step."""
+        self._say(f"  {path.name} is of no step of this session, or was cut off: left alone")
+
+    def answer(self, answer: Answer, before: Answer | None) -> None:
+        """What the runs so far show, unless it was said before."""
+        if before is not None and (answer.runs, answer.headline) == (before.runs, before.headline):
+            return
+        self._say(f"  {answer.runs} runs show: {answer.headline}")
+        for line in budget_lines(answer.parts):
+            self._say(f"    {line}")
+
+    def early(self, count: int) -> None:
+        """The rest is not needed."""
+        self._say(f"  the question is answered: {count} further programs to find errors are left out")
+
+    def more(self, answer: Answer, stage: Stage) -> None:
+        """What is driven in addition, and why."""
+        self._say(f"  {answer.condition}: {answer.next_step}")
+        self._say(f"  so the stage {stage.name} comes next")
+
+    def correction(self, correction: Correction) -> None:
+        """What to do about the error."""
+        self._say(f"correction: {correction.sentence}")
+
+    def entries(self, file: Path) -> None:
+        """Where the values are."""
+        self._say(f"enter the values of {file}, as it says")
+
+    def end(self, session: Session) -> None:
+        """What came of it."""
+        for line in end_lines(session, self._directory):
+            self._say(line)
+
+
+def plan_lines(steps: list[Step]) -> Iterator[str]:
+    """Yield what is driven, a line for each purpose and stage."""
+    for (purpose, stage), own in groupby(steps, key=lambda step: (step.purpose, step.stage)):
+        programs = [step.program for step in own]
+        times = [f"{name} × {programs.count(name)}" for name in dict.fromkeys(programs)]
+        yield f"{stage}, {_PURPOSES[purpose]}: {', '.join(times)}"
+
+
+def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
+    """Yield the parts of the error, each with its share."""
+    for one in parts:
+        name = f"{one.part} {one.size}".strip()
+        name = name if len(name) <= _WIDTH else f"{name[: _WIDTH - 1]}…"
+        bar = "#" * round(_BAR * max(0.0, min(1.0, one.share)))
+        yield f"{name:{_WIDTH}} {100 * one.share:4.0f} % {one.um:7.1f} µm {bar}"
+
+
+def end_lines(session: Session, directory: Path) -> Iterator[str]:
+    """Yield what came of a session."""
+    answer = session.answer
+    if answer:
+        yield f"found: {answer.headline}"
+        yield f"accuracy: {answer.accuracy}"
+    if session.correction:
+        yield f"corrected: {session.correction.sentence}"
+    if session.verified:
+        yield from verified_lines(session.verified)
+    if answer and answer.remedies:
+        yield from (f"to do about the {remedy}" for remedy in answer.remedies)
+    elif answer:
+        yield f"next: {answer.next_step}"
+    programs = sum(len(step.tries) for step in session.steps)
+    yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
+    yield f"report: {directory / session.report}"
+    if answer and answer.model:
+        model = directory / "found" / answer.found / answer.model
+        yield f"the model: {model}; your own programs: rig correct {as_argument(model)} --program FILE -o DIR"
+
+
+def verified_lines(verified: Verified) -> Iterator[str]:
+    """Yield the error on the robot before and after."""
+    sides = (
+        ("on the same circle", verified.same_before, verified.same_after),
+        ("at a place not used", verified.elsewhere_before, verified.elsewhere_after),
+    )
+    for where, before, after in sides:
+        if before and after:
+            yield f"error of the path {where}: {_size(before)} before, {_size(after)} after"
+        elif before:
+            yield f"error of the path {where}: {_size(before)}"
+
+
+def _size(error: PathError) -> str:
+    return f"{error.um:.1f} ± {error.u_um:.1f} µm rms (at most {error.largest_um:.0f})"
+
+
+def status_lines(session: Session, following: object, directory: Path) -> Iterator[str]:
+    """Yield how far a session is, a line for each step, and what comes next."""
+    began = session.began.replace("T", " ")
+    yield f"session of {session.rig}, begun {began}, aim {session.aim}, {session.driven_minutes:.0f} minutes driven"
+    for number, step in enumerate(session.steps, start=1):
+        yield f"{number:3} {step.program:{_WIDTH}} {_state_of(step)}"
+    if session.answer:
+        yield f"{session.answer.runs} runs show: {session.answer.headline}"
+        yield from (f"  {line}" for line in budget_lines(session.answer.parts))
+    if session.report:
+        yield from end_lines(session, directory)
+    else:
+        what = type(following).__name__.lower()
+        yield f"next: {what}; go on with: rig session {as_argument(Path(session.rig_file))}"
+
+
+def _state_of(step: Step) -> str:
+    if step.run:
+        return step.run
+    if step.skipped:
+        return f"left out: {step.skipped}"
+    return f"to be driven again: {step.tries[-1].why}" if step.tries else "to be driven"

@@ -1,0 +1,266 @@
+"""Whole sessions in emulated cells, with hidden effects and with trouble: finished, named, error before and after.
+
+Arms, effects and trouble are drawn from the seed: one to three effects in an arm, a maker's language, and up to three
+of ten kinds of trouble. What is said of the arm is read from what the session wrote; what was hidden it never sees.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from analysis.session.state import Place, Session
+from rigs.load import find, load
+from rigs.schema.vocabulary import MAKERS
+
+ARMS = ("paper-fanuc", "ur10e")
+AT_ROBOT = ("stop", "pause", "other", "twice", "late")
+"""A person stops a program, pauses it, starts another one, starts it twice, or comes late."""
+AT_COMPUTER = ("kill", "interrupt", "kill_rigd", "by_hand", "stranger")
+"""The session is killed, or ended by Ctrl-C; rigd is killed; somebody else leaves a run; so does another cell."""
+MINUTES = 5.0
+MOST_STARTS = 8
+"""So often the same command is given again."""
+LONGEST_S = 1500
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A session to be tried: what is hidden in which arm, whose language, and the trouble with its time."""
+
+    number: int
+    arm: str
+    maker: str
+    effects: list[dict[str, Any]]
+    at_robot: dict[int, str]
+    at_computer: list[tuple[float, str]]
+
+
+def drawn(seed: int, number: int, *, quiet: bool) -> Trial:
+    """Draw a trial."""
+    chance = random.Random(f"{seed} {number}")
+    effects = [
+        _effect(chance, kind) for kind in chance.sample(("play", "zero", "gear", "length"), chance.randint(1, 3))
+    ]
+    count = 0 if quiet else chance.randint(1, 3)
+    kinds = chance.sample(AT_ROBOT + AT_COMPUTER, count)
+    at_robot = {chance.randrange(0, 9): kind for kind in kinds if kind in AT_ROBOT}
+    at_computer = [(chance.uniform(20, 150), kind) for kind in kinds if kind in AT_COMPUTER]
+    maker = MAKERS[(number + seed) % len(MAKERS)]
+    arm = chance.choice(ARMS) if maker == "ur" else ARMS[0]
+    return Trial(number, arm, maker, effects, at_robot, sorted(at_computer))
+
+
+def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
+    """Draw an effect that a person would want to know of: three to ten times as large as usual."""
+    sign = chance.choice((-1, 1))
+    match kind:
+        case "play":
+            return {
+                "effect": "backlash",
+                "axis": chance.randint(1, 5),
+                "width_deg": round(chance.uniform(0.01, 0.03), 4),
+            }
+        case "zero":
+            offset = round(sign * chance.uniform(0.03, 0.1), 4)
+            return {"effect": "joint_offset", "axis": chance.randint(2, 5), "offset_deg": offset}
+        case "gear":
+            return {
+                "effect": "transmission_error",
+                "axis": chance.choice((4, 6)),
+                "order": chance.choice((2, 4, 8, 12)),
+                "amplitude_deg": round(chance.uniform(0.012, 0.04), 4),
+                "phase_deg": round(chance.uniform(0, 360), 1),
+            }
+    delta = round(sign * chance.uniform(0.3, 1.0), 3)
+    return {"effect": "link_geometry", "axis": chance.choice((3, 4)), "field": "a", "delta": delta}
+
+
+def run_trial(trial: Trial, root: Path) -> dict[str, Any]:
+    """Run a session to its end, given the same command again after each of its ends, and say what came of it."""
+    place = root / f"{trial.number:03d}"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    _, text = load(trial.arm)
+    data = yaml.safe_load(text)
+    data["name"] = f"trial-{trial.number}-{trial.arm}"
+    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 50}
+    (place / "cell.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+    (place / "hidden.yaml").write_text(yaml.safe_dump({"effects": trial.effects, "eccentricity_mm": [0.5, -0.3, 0.1]}))
+    request = {
+        "rig": str(place / "cell.yaml"),
+        "directory": str(place / "session"),
+        "minutes": MINUTES,
+        "maker": trial.maker,
+        "effects": str(place / "hidden.yaml"),
+        "seed": trial.number,
+        "troubles": trial.at_robot,
+    }
+    (place / "request.json").write_text(json.dumps(request))
+    runtime = tempfile.mkdtemp(prefix="rig-sessions-")
+    began_s, pending, exits = time.monotonic(), list(trial.at_computer), []
+    environment = {**os.environ, "XDG_RUNTIME_DIR": runtime}
+    try:
+        while len(exits) < MOST_STARTS and time.monotonic() - began_s < LONGEST_S:
+            exits.append(_one_start(place, environment, began_s, pending))
+            if exits[-1] == 0:
+                break
+    finally:
+        shutil.rmtree(runtime, ignore_errors=True)
+    return outcome(trial, place / "session", exits, time.monotonic() - began_s)
+
+
+def _one_start(place: Path, environment: dict[str, str], began_s: float, pending: list[tuple[float, str]]) -> int:
+    """Start the session once, and do to it what is due meanwhile; return its exit code."""
+    program = Path(__file__).with_name("_troubled_session.py")
+    with (place / "log.txt").open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, str(program), str(place / "request.json")], stdout=log, stderr=log, env=environment
+        )
+        while process.poll() is None:
+            now_s = time.monotonic() - began_s
+            if now_s > LONGEST_S:
+                process.kill()
+            while pending and pending[0][0] <= now_s and (place / "session" / "runs").is_dir():
+                _trouble(pending.pop(0)[1], process.pid, place)
+            time.sleep(0.2)
+    return process.wait()
+
+
+def _trouble(kind: str, pid: int, place: Path) -> None:
+    runs = place / "session" / "runs"
+    match kind:
+        case "kill":
+            os.kill(pid, signal.SIGKILL)
+        case "interrupt":
+            os.kill(pid, signal.SIGINT)
+        case "kill_rigd":
+            for child in _children(pid):
+                if "daq.service.rigd" in Path(f"/proc/{child}/cmdline").read_text():
+                    os.kill(child, signal.SIGKILL)
+        case "by_hand":
+            whole = next((path for path in sorted(runs.glob("*_p0*")) if (path / "manifest.json").exists()), None)
+            if whole:
+                shutil.copytree(whole, runs / "20200101T000000Z_somebody", dirs_exist_ok=True)
+        case "stranger":
+            (runs / "20200101T000001Z_elsewhere").mkdir(exist_ok=True)
+            (runs / "20200101T000001Z_elsewhere" / "manifest.json").write_text("{}")
+
+
+def _children(pid: int) -> list[int]:
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def outcome(trial: Trial, directory: Path, exits: list[int], seconds: float) -> dict[str, Any]:
+    """What came of a session."""
+    session = Place(directory).read()
+    found: dict[str, Any] = {
+        "number": trial.number,
+        "arm": trial.arm,
+        "maker": trial.maker,
+        "hidden": [_name(effect) for effect in trial.effects],
+        "trouble": [*trial.at_robot.values(), *(kind for _, kind in trial.at_computer)],
+        "exits": exits,
+        "minutes": round(seconds / 60, 1),
+        "finished": bool(session and session.report),
+    }
+    if session is None:
+        return found
+    found |= {
+        "runs": sum(len(step.tries) for step in session.steps),
+        "planned": len(session.steps),
+        "condition": session.answer and session.answer.condition,
+        "way": session.correction and session.correction.way,
+        "lost": _lost(session, directory),
+    }
+    named = _named(session, directory)
+    found["named"] = [name for name in found["hidden"] if name in named]
+    verified = session.verified
+    if verified and verified.elsewhere_before:
+        before, after = verified.elsewhere_before, verified.elsewhere_after
+        found |= {"before_um": before.um, "after_um": after.um if after else None}
+    return found
+
+
+def _lost(session: Session, directory: Path) -> int:
+    """Runs that the session names and that are not there."""
+    return sum(not (directory / "runs" / one.run).is_dir() for step in session.steps for one in step.tries)
+
+
+def _named(session: Session, directory: Path) -> set[str]:
+    """The faults of the last inference, with their rivals and twins."""
+    if session.answer is None:
+        return set()
+    data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
+    found: set[str] = set()
+    for effect in data["effects"]:
+        if effect["stands"]:
+            found |= {_name(one) for one in (effect, *effect["rivals"])}
+    return found
+
+
+def _name(effect: dict[str, Any]) -> str:
+    return f"{effect['effect']} {effect.get('axis')}"
+
+
+def line_of(found: dict[str, Any]) -> str:
+    """An outcome in a line."""
+    errors = f"{found.get('before_um')} -> {found.get('after_um')} um" if "before_um" in found else "-"
+    end = "finished" if found["finished"] else "NOT FINISHED"
+    return (
+        f"{found['number']:3} {found['arm']:11} {found['maker']:7} {end}"
+        f" named {len(found.get('named', []))} of {len(found['hidden'])} ({', '.join(found['hidden'])});"
+        f" {found.get('condition')}, {found.get('way')}: {errors}; {found['minutes']} min, {found.get('runs')} runs of"
+        f" {found.get('planned')}; trouble {found['trouble']}, exits {found['exits']}"
+    )
+
+
+def main(
+    count: Annotated[int, typer.Argument(metavar="COUNT", min=1, help="How many sessions.")],
+    seed: Annotated[int, typer.Option(help="Seed of arms, effects and trouble.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Sessions at a time.")] = 1,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Draw no trouble.")] = False,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for all of them.")] = Path("sessions"),
+) -> None:
+    """Run sessions and print a line for each, then the sums."""
+    for arm in ARMS:
+        find(arm)
+    trials = [drawn(seed, number, quiet=quiet) for number in range(count)]
+    outcomes = []
+    with ThreadPoolExecutor(jobs) as pool:
+        for found in pool.map(lambda trial: run_trial(trial, output.resolve()), trials):
+            typer.echo(line_of(found))
+            sys.stdout.flush()
+            outcomes.append(found)
+    (output / "outcomes.json").write_text(json.dumps(outcomes, indent=1))
+    hidden = sum(len(one["hidden"]) for one in outcomes)
+    named = sum(len(one.get("named", [])) for one in outcomes)
+    both = [one for one in outcomes if one.get("after_um") is not None]
+    typer.echo(f"finished {sum(one['finished'] for one in outcomes)} of {count}, named {named} of {hidden}")
+    typer.echo(f"runs lost: {sum(one.get('lost', 0) for one in outcomes)}")
+    if both:
+        for key in ("before_um", "after_um"):
+            values = sorted(one[key] for one in both)
+            p90 = values[min(len(values) - 1, int(0.9 * len(values)))]
+            typer.echo(f"{key} at a place not used: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
+    minutes = [one["minutes"] for one in outcomes]
+    typer.echo(f"minutes: median {statistics.median(minutes):.1f}, most {max(minutes):.1f}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

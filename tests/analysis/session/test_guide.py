@@ -1,0 +1,174 @@
+"""A session from its first program to its report: in order, killed at each step, with runs in vain and by others."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from analysis.session.guide import Correct, Drive, Infer, next_of
+from analysis.session.state import Place, Session, Try
+from rigs.errors import CellError
+from tests.support.session_cell import (
+    NAMED,
+    Killed,
+    MortalPlace,
+    Oracle,
+    Screen,
+    Simulated,
+    begun,
+    cell_file,
+    gone_on,
+)
+
+_MOST_LIVES = 80
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+def finished(session: Session, place: Path) -> None:
+    """Check that a session came to its end: nothing open, the error fell, the page is there."""
+    assert not any(step.is_open for step in session.steps)
+    assert session.verified is not None and session.correction is not None
+    for before, after in (
+        (session.verified.same_before, session.verified.same_after),
+        (session.verified.elsewhere_before, session.verified.elsewhere_after),
+    ):
+        assert before is not None and after is not None
+        assert after.um < 0.3 * before.um
+    assert (place / session.report).stat().st_size > 10_000
+
+
+def test_a_session_drives_finds_corrects_and_drives_again(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver, oracle, screen = Simulated(place), Oracle(), Screen()
+    session = gone_on(place, driver, oracle, screen=screen)
+    finished(session, place)
+    assert driver.stages == ["yaw", "other", "yaw"]
+    assert session.correction and session.correction.way in ("entries", "programs")
+    assert oracle.asked[-1] == (len(session.runs_for("find")), len(session.runs_for("judge")))
+    assert any("at a place not used" in line for line in screen.lines)
+
+
+@pytest.mark.cpu_limit(150)
+def test_a_session_killed_at_each_step_has_the_same_end(place: Path, tmp_path: Path) -> None:
+    cell = cell_file(tmp_path)
+    begun(cell, place)
+    driver, oracle = Simulated(place), Oracle()
+    whole = gone_on(place, driver, oracle)
+    steps = len(driver.driven)
+    shutil.rmtree(place)
+    begun(cell, place)
+    mortal = Simulated(place)
+    for life in range(_MOST_LIVES):
+        before = Place(place).read()
+        try:
+            session = gone_on(place, mortal, Oracle(), MortalPlace(place, before=life % 2 == 0))
+        except Killed:
+            now = Place(place).read()
+            assert life % 2 or now == before, "a state that was not written is not there"
+            continue
+        break
+    else:
+        pytest.fail("it never came to its end")
+    finished(session, place)
+    assert len(mortal.driven) == steps, "no program is driven twice: its run is found and taken"
+    same = {"tries", "began"}
+    assert [step.model_dump(exclude=same) for step in session.steps] == [
+        step.model_dump(exclude=same) for step in whole.steps
+    ]
+    assert session.verified == whole.verified and not session.left_alone
+
+
+def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, minutes=3.6)
+    session = gone_on(place, Simulated(place), Oracle())
+    skipped = [step for step in session.steps if step.skipped]
+    assert [step.purpose for step in skipped] == ["find"], "the answer to four runs comes while the fifth is driven"
+    assert len(session.runs_for("find")) == 5
+    finished(session, place)
+
+
+def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
+    driver = Simulated(place)
+    with Place(place) as held:
+        session = held.read()
+        assert session is not None
+        held.write(session.model_copy(update={"minutes": 30.0}))
+    session = gone_on(place, driver, Oracle([ambiguous] * 6 + [NAMED]))
+    assert "roll" in driver.stages and driver.stages.index("roll") < driver.stages.index("other")
+    roll = [step.program for step in session.steps if step.test == "roll"]
+    assert roll == ["p05-roll-acw", "p06-roll-cw"] * 2
+    finished(session, place)
+
+
+def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
+    with pytest.raises(CellError, match=r"p02-yaw-cw: was driven 3 times in vain, the last time: g1: 3 silent"):
+        gone_on(place, driver, Oracle())
+    kept = Place(place).read()
+    assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
+    finished(gone_on(place, driver, Oracle()), place)
+
+
+def test_another_program_than_asked_for_counts_as_what_it_is(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver = Simulated(place)
+    driver.instead = {0: "p02-yaw-cw"}
+    session = gone_on(place, driver, Oracle())
+    assert driver.driven[:3] == ["p02-yaw-cw", "p01-yaw-acw", "p01-yaw-acw"]
+    finished(session, place)
+
+
+def test_runs_of_others_are_left_alone(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver = Simulated(place)
+    with pytest.raises(Killed):
+        gone_on(place, driver, Oracle(), MortalPlace(place, before=True))
+    run = next((place / "runs").iterdir())
+    other = run.with_name("20250101T000000Z_somebody")
+    shutil.copytree(run, other)
+    manifest = (other / "manifest.json").read_text().replace("p01-yaw-acw", "somebody")
+    (other / "manifest.json").write_text(manifest)
+    (place / "runs" / "20250101T000001Z_broken").mkdir()
+    (place / "runs" / "20250101T000001Z_broken" / "manifest.json").write_text("{}")
+    session = gone_on(place, driver, Oracle())
+    assert set(session.left_alone) == {other.name, "20250101T000001Z_broken"}
+    finished(session, place)
+
+
+def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver = Simulated(place)
+    driver.can_enter = False
+    try:
+        session = gone_on(place, driver, Oracle())
+    except CellError as error:
+        assert "--entered" in error.remedy
+        kept = Place(place).read()
+        assert kept is not None and kept.correction is not None and not kept.correction.entered
+        driver.can_enter = True
+        session = gone_on(place, driver, Oracle())
+        assert session.correction is not None and session.correction.entered
+    finished(session, place)
+
+
+def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
+    session = begun(cell_file(tmp_path), tmp_path / "session")
+    assert next_of(session) == Drive(0)
+    driven = tuple(
+        step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) if step.purpose != "verify" else step
+        for k, step in enumerate(session.steps)
+    )
+    known = session.model_copy(update={"steps": driven})
+    assert next_of(known) == Infer()
+    find, judge = len(known.runs_for("find")), len(known.runs_for("judge"))
+    answer = NAMED.model_copy(update={"runs": find, "judges": judge})
+    assert next_of(known.model_copy(update={"answer": answer, "answered": "named"})) == Correct()

@@ -1,0 +1,214 @@
+"""A session without a cell: its programs are simulated at once, and what it infers is told beforehand."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+import analysis
+from analysis.session.cell import Run
+from analysis.session.guide import Guide, Infers
+from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
+from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
+from rigs.load import load
+from rigs.schema.vocabulary import Direction
+from rigs.yaml_text import data_of
+from tests.support.made_once import made_once
+
+PART = PartOfError(part="gear error of axis 4", kind="effect", share=0.98, um=50.0, fault=True)
+NAMED = Answer(
+    runs=0,
+    condition="named",
+    standing=None,
+    headline="One fault was found.",
+    accuracy="The error is now 50 µm rms.",
+    next_step="Repair it.",
+    parts=(PART,),
+    now_um=50.0,
+    calibrated_um=2.0,
+    noise_um=2.0,
+    seconds=1.0,
+    found="01",
+)
+HIDDEN = {"effects": [{"effect": "joint_offset", "axis": 3, "offset_deg": 0.05}], "eccentricity_mm": [0.5, -0.3, 0.1]}
+CORRECTED = {"effects": [{"effect": "joint_offset", "axis": 3, "offset_deg": 0.005}], "eccentricity_mm": [0.4, 0, 0.1]}
+
+
+class Killed(BaseException):
+    """The process is gone."""
+
+
+def cell_file(directory: Path) -> Path:
+    """The rig file of a cell whose laps are short."""
+    data = data_of(load("paper-fanuc")[1])
+    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 100.0}
+    path = directory / "cell.yaml"
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return path
+
+
+@made_once
+def _model_files() -> dict[str, bytes]:
+    """The rig file and the calibration that a diagnosis writes."""
+    import tempfile  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch)
+        cell = cell_file(place)
+        (place / "hidden.yaml").write_text(yaml.safe_dump(HIDDEN))
+        ways: tuple[Direction, ...] = ("acw", "cw")
+        runs = [
+            analysis.simulate(cell, "yaw", way, seed=k, effects=place / "hidden.yaml") for way in ways for k in (1, 2)
+        ]
+        from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
+
+        write(analysis.diagnose(runs), cell.read_text(), place / "found")
+        return {path.name: path.read_bytes() for path in (place / "found").iterdir() if path.suffix != ".png"}
+
+
+@dataclass
+class Told:
+    """An inference that is done at once."""
+
+    answer: Answer
+    is_done: bool = True
+
+    def result(self) -> Answer:
+        return self.answer
+
+
+@dataclass
+class Oracle:
+    """Answers in turn, the last one for ever; each writes the files of a diagnosis."""
+
+    answers: list[Answer] = field(default_factory=lambda: [NAMED])
+    asked: list[tuple[int, int]] = field(default_factory=list)
+
+    def __call__(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Infers:
+        self.asked.append((len(used), len(judges)))
+        directory.mkdir(parents=True)
+        for name, content in _model_files().items():
+            (directory / name).write_bytes(content)
+        answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        model = next(name for name in _model_files() if name.endswith(".yaml"))
+        changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
+        return Told(answer.model_copy(update=changed))
+
+
+class Simulated:
+    """Drives each step at once: a run of the stage's rig file is simulated. whys: why a drive is vain, by number."""
+
+    def __init__(self, directory: Path, whys: Mapping[int, str] | None = None) -> None:
+        self.directory, self.whys = directory, dict(whys or {})
+        self.driven: list[str] = []
+        self.stages: list[str] = []
+        self.entered: list[Path] = []
+        self.can_enter = True
+        self.instead: dict[int, str] = {}
+        """Programs that are started in place of the one that is asked for, by number."""
+        self._programs: Mapping[str, Program] = {}
+
+    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        self.stages.append(stage.name)
+        self._programs = programs
+
+    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        wait()
+        number = len(self.driven)
+        program = self._programs[self.instead.get(number, step.program)]
+        self.driven.append(program.name)
+        name = f"20260101T0000{number:02d}Z_{program.name}"
+        runs = self.directory / "runs"
+        while (runs / name).exists():
+            name = f"{name}+"
+        shutil.copytree(self._run_of(program), runs / name)
+        return Run(name, program.name, self.whys.get(number, ""))
+
+    def enter(self, file: Path) -> bool:
+        self.entered.append(file)
+        return self.can_enter
+
+    def close(self) -> None:
+        pass
+
+    def _run_of(self, program: Program) -> Path:
+        """A simulated run of a program, made once."""
+        is_corrected = program.name.endswith(FIXED) or bool(self.entered)
+        kept = self.directory.parent / ("corrected" if is_corrected else "nominal") / program.name
+        if not kept.exists():
+            kept.parent.mkdir(exist_ok=True)
+            hidden = kept.parent / "hidden.yaml"
+            hidden.write_text(yaml.safe_dump(CORRECTED if is_corrected else HIDDEN))
+            cell = self.directory / "cells" / f"{program.stage}.yaml"
+            run = analysis.simulate(cell, program.test, program.direction, seed=3, effects=hidden)
+            analysis.save_run(_named(run, program.name), kept)
+        return kept
+
+
+def _named(run: analysis.Measured, name: str) -> analysis.Measured:
+    from dataclasses import replace  # noqa: PLC0415
+
+    manifest = run.run.manifest.updated(name=name)
+    return replace(run, run=replace(run.run, manifest=manifest))
+
+
+class Screen:
+    """Keeps what is said."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+    def show(self, line: str) -> None:
+        pass
+
+
+class MortalPlace(Place):
+    """A place whose process is killed at its next write: before it or after it, in turn."""
+
+    def __init__(self, directory: Path, *, before: bool) -> None:
+        super().__init__(directory)
+        self.before, self.writes = before, 0
+
+    def write(self, session: Session) -> None:
+        if self.before:
+            raise Killed
+        super().write(session)
+        raise Killed
+
+
+def begun(cell: Path, directory: Path, minutes: float = 3.2, **asked: object) -> Session:
+    """A session at its beginning, kept in its directory."""
+    rig, text = load(cell)
+    wanted = {"aim": "faults", "maker": "kuka", **asked}
+    stages, steps = planned(rig, wanted["aim"], minutes, BY_ITSELF, lambda _: None)  # type: ignore[arg-type]
+    session = Session(
+        rig=rig.name,
+        rig_file=str(cell),
+        rig_sha256=digest_of(text),
+        minutes=minutes,
+        began="2026-01-01T00:00:00+00:00",
+        stages=stages,
+        steps=steps,
+        **wanted,
+    )
+    with Place(directory) as place:
+        place.write(session)
+    return session
+
+
+def gone_on(
+    directory: Path, driver: Simulated, oracle: Oracle, place: Place | None = None, screen: Screen | None = None
+) -> Session:
+    """The session gone on with, to its end or to its death."""
+    with place or Place(directory) as held:
+        session = held.read()
+        assert session is not None
+        guide = Guide(held, session, driver, screen or Screen(), BY_ITSELF, start_inference=oracle)
+        return guide.run()
