@@ -16,11 +16,13 @@ from daq.protocol.conversation import Device
 from rigs.load import load, parse
 from rigs.rig import Rig
 from rigs.schema.limits import Limit
+from tests.conftest import HELD_UP_S
 from tests.support.bench import BIN, Bench
 from tests.support.live_terminal import Terminal
 from tests.support.nightly import cases
 from tests.support.person import Person
 from tests.support.simulated_bench import SimulatedBench
+from tests.support.stalls import Stalls
 from tests.support.unknown_cells import Pushed, cell_text, make_it_stream, named_robot
 
 PAGE = (Path(__file__).parents[1] / "docs" / "first-hour.md").read_text(encoding="utf-8")
@@ -106,10 +108,10 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
     assert rig.tests.circle is not None
 
 
-@pytest.mark.real_time(match="the lap has no data from")
-def test_the_lap_of_a_real_daemon_is_reported(tmp_path: Path) -> None:
-    robot = EmulatedRobot.of_rig(parse(text := cell_text("keyence", "ur"), "unknown"), seed=3)
-    with Bench(tmp_path, text, robot) as bench:
+@pytest.mark.real_time
+def test_the_lap_of_a_real_daemon_is_reported_or_refused_where_the_computer_held_it_up(tmp_path: Path) -> None:
+    robot = EmulatedRobot.of_rig(rig := parse(text := cell_text("keyence", "ur", speed_mm_s=50), "unknown"), seed=3)
+    with Bench(tmp_path, text, cell=emulated(rig, robot)) as bench, Stalls() as stalls:
         bench.socket = bench.socket.with_name("unknown.sock")
         bench.start().all_reading()
         run = bench.record("first-acw")
@@ -117,5 +119,6 @@ def test_the_lap_of_a_real_daemon_is_reported(tmp_path: Path) -> None:
         assert robot.finished.wait(120)
         assert bench.run("rig", "record", "stop").returncode == 0
         done = bench.run("rig", "report", run, "--no-diagnosis", "-o", "first.html")
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "first.html").stat().st_size > 10_000
+    was_held_up = "the lap has no data from" in done.stderr and stalls.worst_s > HELD_UP_S
+    assert done.returncode == 0 or was_held_up, done.stderr
+    assert was_held_up or (tmp_path / "first.html").stat().st_size > 10_000

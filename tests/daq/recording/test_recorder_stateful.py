@@ -31,6 +31,7 @@ from daq.recording.recorder import Recorder
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
+from tests.support.nightly import cases
 
 MINE = Recording(Label(name="mine", test="yaw", direction="cw"))
 THEIRS = Recording(Label(name="theirs", test="yaw", direction="acw"), "robot")
@@ -202,9 +203,10 @@ class Recordings(RuleBasedStateMachine):
             assert count == self.taken, (stream, count, self.taken, found.total(), dict(dropped), lost)
 
 
-def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("examples", cases((40, 300), {40}))
+def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch, examples: int) -> None:
     # private: a sync at every round
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     tried = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink a failure takes minutes, its steps are printed
-    few = settings(max_examples=100, stateful_step_count=40, phases=tried)
+    few = settings(max_examples=examples, stateful_step_count=40, phases=tried)
     run_state_machine_as_test(Recordings, settings=few)
