@@ -276,6 +276,7 @@ def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: flo
     return items
 
 
+@pytest.mark.real_time
 def test_eight_units_on_a_pty_at_115200() -> None:
     items = _wired(_eight(), _eight(), 3.0)
     counts = Counter({column: len(_samples(items, column)) for column in range(UNITS)})
