@@ -32,7 +32,7 @@ def processes_of(directory: Path) -> list[str]:
     return found
 
 
-@pytest.mark.alone
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path: Path) -> None:
     cell, directory = cell_file(tmp_path), tmp_path / "own"
