@@ -1,0 +1,204 @@
+"""One small case whose posterior two programs can state: the engine, and any sampler that is given a log density.
+
+A tracker saw poses of a UR10 with noise of known size. Named are a play of axis 2 and a wave of axis 1 over its angle;
+beside them the case has a zero and a length, with a healthy arm's prior, and the place of instrument and target. The
+engine states a normal distribution about its fit; the log density calls the forward model for every value instead.
+Play and wave are those of the page: what a real one departs from it by are columns of the engine's own, which no other
+program could know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from analysis.inference.background import Posterior, background_of
+from analysis.inference.blocks import blocks_of
+from analysis.inference.candidates import Candidate, Columns, forms_of, healthy_shares
+from analysis.inference.observation import ObservedRun, observe_run
+from analysis.inference.refine import Refined, Unknown, refine, size_limits
+from analysis.inference.responses import Linearisation, linearise
+from analysis.inference.setups import fit_run_setups, moved_setup
+from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp, model_of, nominal_setup, path_of, predict
+from analysis.traces.tables import PoseTable
+from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, bounds, size_field
+from rigs.load import load
+from rigs.schema.effect import PHASE, Departures, healthy, name_of, scaled
+
+NOISE_MM = 0.03
+"""Standard deviation of each coordinate, told to both."""
+
+
+class Play(Backlash):
+    """A play without departures."""
+
+    def departures(self) -> Departures:
+        """None."""
+        return Departures()
+
+
+class Wave(TransmissionError):
+    """A wave without departures."""
+
+    def departures(self) -> Departures:
+        """None."""
+        return Departures()
+
+
+HIDDEN = (
+    Play(axis=2, width_deg=0.06, transit=0.5, preload=0.3),
+    Wave(axis=1, order=3.2, amplitude_deg=0.03, phase_deg=40.0, third=0.2),
+)
+BEGUN = (
+    Play(axis=2, width_deg=0.05, transit=0.2, preload=0.1),
+    Wave(axis=1, order=3.0, amplitude_deg=0.02, phase_deg=20.0),
+)
+"""Where the engine's fit begins."""
+BESIDE = (healthy(JointOffset(axis=4)), healthy(LinkGeometry(axis=3, field="a")))
+TIMES = (0.8, -1.3)
+"""What the arm has of them, in healthy sizes."""
+STATIONS, STEPS, STEP_DEG = 36, 6, 0.06
+"""Postures, and the small steps of axis 2 after each with their standard deviation: they show how it crosses its play.
+"""
+_TURNS = 3
+_PLACED_MM = 1000.0
+"""Prior standard deviation of each term of a placement, as in the engine."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Measured poses (n), and a set-up near which the placement is."""
+
+    run: ObservedRun
+    begun: dict[str, SetUp]
+
+    def predicted(self, effects: Sequence[Effect], setup: SetUp) -> Array:
+        """Return the places (n, 3) mm that the forward model gives."""
+        model = replace(self.run.model, effects=tuple(effects))
+        return predict(model, self.run.one.table, self.run.one.path, setup)[:, [3, 7, 11]]
+
+
+def case(seed: int) -> Case:
+    """Simulate the poses, with noise of a seed."""
+    rng = np.random.default_rng(seed)
+    low, high = np.radians([-150, -120, -120, -150, -150, -170]), np.radians([150, -30, 120, 150, 150, 170])
+    q = np.repeat(rng.uniform(low, high, (STATIONS, 6)), 1 + STEPS, axis=0)
+    q[:, 1] += np.radians(STEP_DEG) * rng.standard_normal(len(q))
+    model = replace(model_of(load("ur10")[0]), effects=())
+    empty = PoseTable(q, np.zeros((len(q), 3)), None)
+    there = moved_setup(nominal_setup(model.rig, empty), empty, rng.normal(0, 30, 9))
+    others = [scaled(one, times) for one, times in zip(BESIDE, TIMES, strict=True)]
+    holding = replace(model, effects=(*HIDDEN, *others))
+    xyz = predict(holding, empty, path_of(model, empty), there)[:, [3, 7, 11]]
+    seen = PoseTable(q, xyz + rng.normal(0, NOISE_MM, xyz.shape), None)
+    run = observe_run(model, seen, "poses")
+    return Case(run, fit_run_setups([run])[0])
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the engine states of a case, about one linearisation: the fit, and its posterior beside it: of each size in
+    healthy sizes, and of each of the nine terms of the placement in mm."""
+
+    case: Case
+    linear: Linearisation
+    refined: Refined
+    posterior: Posterior
+
+    @cached_property
+    def names(self) -> list[str]:
+        """What each value is."""
+        effects = self.refined.effects
+        fitted = [f"{name_of(effects[one.effect])} {one.field}" for one in self.refined.unknowns]
+        return [*fitted, *(name_of(one) for one in BESIDE), *(f"placement {k + 1}" for k in range(9))]
+
+    @property
+    def mean(self) -> Array:
+        """The mean (d,) of every value, with the last step of the fit."""
+        fitted = self.refined.values
+        return np.concatenate([fitted + self.posterior.known[: len(fitted)], self.posterior.mean])
+
+    @property
+    def u(self) -> Array:
+        """The standard uncertainty (d,) of every value."""
+        return np.sqrt(np.concatenate([np.diag(self.refined.covariance), self.posterior.variance]))
+
+    @property
+    def left(self) -> Array:
+        """The step (d,), in standard uncertainties, that the fit did not take, because it gained too little."""
+        return np.concatenate([self.posterior.known[: len(self.refined.values)], np.zeros(len(BESIDE) + 9)]) / self.u
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The covariance (d, d) of all values."""
+        return self.posterior.joint_covariance(len(BESIDE) + 9, len(self.refined.values))
+
+    @cached_property
+    def limits(self) -> Array:
+        """The least and the largest value (2, d)."""
+        return np.array([*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(BESIDE) + 9)]).T
+
+    def _limits_of(self, unknown: Unknown) -> tuple[float, float]:
+        """Return the bounds of one parameter in the vocabulary, and of a size also those of a fit."""
+        effect, field = self.refined.effects[unknown.effect], unknown.field
+        if field == PHASE:
+            return -np.inf, np.inf
+        return size_limits(effect) if field == size_field(effect) else bounds(effect, field)
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        """The mean and the standard deviation (d,) of every value before anything is measured."""
+        unknowns = self.refined.unknowns
+        mean = [one.expected for one in unknowns] + [0.0] * (len(BESIDE) + 9)
+        sd = [one.spread for one in unknowns] + [1.0] * len(BESIDE) + [_PLACED_MM] * 9
+        return np.array(mean), np.array(sd)
+
+    def log_density(self, values: Array) -> float:
+        """Return the log of the posterior density of all values (d,), up to a constant, by the forward model."""
+        if not ((values >= self.limits[0]) & (values <= self.limits[1])).all():
+            return -np.inf
+        effects = list(self.refined.effects)
+        for unknown, value in zip(self.refined.unknowns, values, strict=False):
+            effects[unknown.effect] = effects[unknown.effect].model_copy(update={unknown.field: float(value)})
+        sizes, moves = values[-9 - len(BESIDE) : -9], values[-9:]
+        effects += [scaled(one, float(size)) for one, size in zip(BESIDE, sizes, strict=True)]
+        (setup,) = self.linear.setups.values()
+        one = self.case.run.one
+        left = one.values - self.case.predicted(effects, moved_setup(setup, one.table, moves))
+        mean, sd = self._prior
+        away = (values - mean) / sd
+        return -0.5 * float(np.sum(left**2) / NOISE_MM**2 + away @ away)
+
+
+def stated(one: Case) -> Stated:
+    """Return what the engine states, fitted in turns about the placement and effects of the one before."""
+    setups, known, effects = one.begun, (), BEGUN
+    for _ in range(_TURNS):
+        blocks = [replace(b, sd_mm=np.full(len(b.sd_mm), NOISE_MM)) for b in blocks_of([one.run], setups, known)]
+        linear = linearise(blocks, setups, known)
+        columns = _columns(linear)
+        background = background_of(columns, np.ones(len(linear.y)), columns.variance(1.0))
+        found = refine(linear, background, effects)
+        posterior = background.posterior(found.known)
+        effects = known = found.effects
+        setups = linear.setups_moved_by(posterior.mean[columns.set_ups])
+    return Stated(one, linear, found, posterior)
+
+
+def _columns(linear: Linearisation) -> Columns:
+    """Return the columns (N, p) of what the case has beside the named effects, and of the placement."""
+    forms = forms_of([Candidate(name_of(one), (one,)) for one in BESIDE])
+    share = healthy_shares(forms)
+    return Columns(
+        np.concatenate([linear.columns(BESIDE), linear.U], axis=1),
+        forms,
+        slice(len(share), len(share) + 9),
+        np.zeros(len(linear.y), dtype=np.int64),
+        np.concatenate([share, np.zeros(9)]),
+        np.concatenate([np.zeros(len(share)), np.full(9, _PLACED_MM**2)]),
+        np.zeros(len(share) + 9),
+    )
