@@ -54,8 +54,7 @@ def main() -> None:
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)
     try:
-        words = sys.argv[1:] or ["--help"]
-        sys.exit(with_the_command_of(app, words)(words, standalone_mode=False))
+        sys.exit(with_the_command_of(app, sys.argv[1:])(standalone_mode=False))
     except TyperException as error:
         _wrong_use(error)
     except typer.Abort:
@@ -104,8 +103,8 @@ def _fail(error: RigError) -> NoReturn:
 
 def _wrong_use(error: TyperException) -> NoReturn:
     told = wrong_use(error, "rig")
-    if told is None:
-        sys.exit(2)
+    if told is None:  # its help is printed; for `rig` alone that is what was asked for
+        sys.exit(2 if sys.argv[1:] else 0)
     _fail(told)
 
 
