@@ -28,8 +28,9 @@ def sampled(one: Stated, steps: int, seed: int) -> emcee.EnsembleSampler:
     begin = one.mean + 2 * one.u * rng.standard_normal((WALKERS, len(one.u)))
     low, high = one.limits
     begin = np.clip(begin, low + 0.01 * one.u, high - 0.01 * one.u)
-    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
-    sampler = emcee.EnsembleSampler(WALKERS, len(one.u), one.log_density, moves=moves)
+    # A third of the stretch move's autocorrelation. Snooker moves of emcee 3.1.6 sample a normal distribution 10 % too
+    # narrow (its pull request 531).
+    sampler = emcee.EnsembleSampler(WALKERS, len(one.u), one.log_density, moves=emcee.moves.DEMove())
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(begin, steps)
     return sampler
@@ -38,7 +39,7 @@ def sampled(one: Stated, steps: int, seed: int) -> emcee.EnsembleSampler:
 def main() -> int:
     """Sample, print the table; 1 where the goal is missed."""
     parser = argparse.ArgumentParser(prog="scripts/dev outsider", description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--steps", type=int, default=6000, help="of each walker (6000: some five minutes)")
+    parser.add_argument("--steps", type=int, default=4000, help="of each walker (4000: three minutes of CPU)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise of the case (0)")
     given = parser.parse_args()
     begin = time.process_time()
@@ -59,7 +60,7 @@ def main() -> int:
     for k, name in enumerate(one.names):
         cells = [f"{value:.6g}" for value in (one.mean[k], one.u[k], mean[k], sd[k])]
         chance = CHANCE / np.sqrt(many[k])
-        far = abs(off[k]) > GOAL + chance or abs(ratio[k] - 1) > GOAL + chance / np.sqrt(2)
+        far = bool(abs(off[k]) > GOAL + chance or abs(ratio[k] - 1) > GOAL + chance / np.sqrt(2))
         missed += far
         print(f"| {name} | {' | '.join(cells)} | {off[k]:+.3f} | {ratio[k]:.3f} | {many[k]:.0f} |{' MISSED' * far}")
     print(f"\nlargest difference of means {np.abs(off).max():.3f} sd, of u {np.abs(ratio - 1).max():.3f}; "
