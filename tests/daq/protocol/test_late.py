@@ -96,6 +96,7 @@ def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: s
     assert min(s.last_byte_ns for s in samples) < S and max(s.last_byte_ns for s in samples) > 11 * S
 
 
+@pytest.mark.real_time
 def test_over_a_pty_as_well() -> None:
     late = wired(RTU, 10, 7)
     assert late.requests >= 10 and late.shifted == 0 and late.samples
