@@ -13,19 +13,26 @@ from typing import Annotated
 import typer
 
 from tests.support.storm.life import Told
+from tests.support.storm.mutants import MUTANTS
 from tests.support.storm.storm import weather
 
 _WORLDS_EACH = 40
 """Worlds of one process, which then makes way for another: what libraries hold does not add up."""
+
+_PLANTED_IN = 30
+"""Worlds in which a bug must be found."""
 
 
 def main(
     seconds: Annotated[float, typer.Argument(help="How long in real time; the last worlds are finished.")] = 60,
     seed: Annotated[int | None, typer.Option(help="This world alone, as it was when it failed.")] = None,
     first: Annotated[int, typer.Option(help="Seed of the first world.")] = 0,
+    planted: Annotated[bool, typer.Option("--planted", help="How soon bugs that are planted are found.")] = False,
     jobs: Annotated[int, typer.Option(help="Worlds at a time, each in a process of its own.")] = 1,
 ) -> None:
     """Live one world after the other, and hold what is recorded against what the emulated instruments sent."""
+    if planted:
+        raise typer.Exit(_planted(first))
     began_s, found = time.perf_counter(), list[Told]()
     for told in [weather(seed)] if seed is not None else _worlds(seconds, first, jobs):
         found.append(told)
@@ -34,6 +41,26 @@ def main(
         elif len(found) % 10 == 0:
             print(f"{len(found)} worlds, {time.perf_counter() - began_s:.0f} s", flush=True)
     raise typer.Exit(_report(found, time.perf_counter() - began_s))
+
+
+def _planted(first: int) -> int:
+    """Plant each bug and live world after world until one is wrong; return the exit code."""
+    missed = 0
+    for name, mutant in MUTANTS.items():
+        began_s = time.perf_counter()
+        for seed in range(first, first + _PLANTED_IN):
+            with mutant():
+                told = weather(seed)
+            if told.violations:
+                took_s = time.perf_counter() - began_s
+                print(
+                    f"{name}: found in the world of seed {seed} after {took_s:.1f} s: {told.violations[0]}", flush=True
+                )
+                break
+        else:
+            missed += 1
+            print(f"{name}: NOT found in {_PLANTED_IN} worlds", flush=True)
+    return 1 if missed else 0
 
 
 def _worlds(seconds: float, first: int, jobs: int) -> Iterator[Told]:

@@ -22,6 +22,8 @@ from tests.support.storm.life import Life
 from tests.support.storm.worlds import Blow
 
 _DAY_S, _HOUR_S = 86_400, 3600.0
+_LOGGED_AGAIN_S = 13.0
+"""The log has a line of one kind every ten seconds, and says of a sync after two that it is slow."""
 
 _GARBLE = (
     FaultKind.GARBLED, FaultKind.MISSHAPEN, FaultKind.SILENT, FaultKind.LATE, FaultKind.SKIPPED, FaultKind.MISSING,
@@ -194,8 +196,13 @@ def _failing(life: Life) -> None:
 
 def _slow(life: Life) -> None:
     life.befell[HOST].add(Blow.SLOW)
+    told, recording = life.heard.slow, life.ask("status").get("recording")
     life.disk.syncs_s = 10 ** life.dice.uniform(0, 1.3)
-    clock.sleep(life.dice.uniform(2.0, 25.0))
+    seconds = life.dice.uniform(2.0, 25.0)
+    clock.sleep(seconds)
+    went_on = recording and recording == life.ask("status").get("recording")
+    if went_on and life.disk.syncs_s > 2.5 and seconds > _LOGGED_AGAIN_S and life.heard.slow == told:
+        life.wrong("a disk whose syncs take seconds is not named in the log")
     life.disk.syncs_s = 0.0
 
 

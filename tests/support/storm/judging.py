@@ -62,6 +62,8 @@ def judge_runs(life: Life) -> None:
     for run in runs.values():
         _judge_faults(life, run)
     for one in life.asked:
+        if one.killed_ns and one.path.name in runs:
+            _judge_killed(life, runs[one.path.name], one)
         if one.path.name not in runs and one.path not in life.may_go:
             life.told.violations.append(f"{one.path.name} was begun, and is not there")
 
@@ -84,7 +86,7 @@ def _chains(runs: dict[str, Run]) -> list[list[Run]]:
 def _judge_stream(life: Life, chain: Sequence[Run], stream: str, asked: Asked | None) -> None:
     pieces = life.instruments.pieces[stream]
     names = [name for name, of in life.instruments.streams.items() if of == stream]
-    places, dropped, first = set[int](), 0, chain[0].path.name
+    places, dropped = set[int](), 0
     for run in chain:
         rows = run.streams[stream]
         life.told.rows += len(rows["last_byte_ns"])
@@ -95,11 +97,24 @@ def _judge_stream(life: Life, chain: Sequence[Run], stream: str, asked: Asked | 
                 life.told.violations.append(f"{run.path.name}: {name}: rows are in two runs")
             places |= found.places
         dropped += run.manifest.counters.get(stream, {}).get(FaultKind.DROPPED, 0)
-    if asked:
-        for name, count in asked.synced.items():
-            if name == stream and (there := len(chain[-1].streams[stream]["last_byte_ns"])) < count:
-                life.told.violations.append(f"{first}: {there} rows of {stream}, {count} were synced before the end")
     _judge_missing(life, chain, stream, asked, places, dropped)
+
+
+def _judge_killed(life: Life, run: Run, asked: Asked) -> None:
+    """What was synced before a kill is there; and, where the disk was well and went on, all but the last moments."""
+    for stream, synced in asked.synced.items():
+        rows, pieces = run.streams[stream]["last_byte_ns"], life.instruments.pieces[stream]
+        if len(rows) < synced:
+            life.told.violations.append(f"{run.path.name}: {len(rows)} rows of {stream}, {synced} were synced")
+        if Blow.POWER_CUT in life.world.blows or any(blow in life.befell[HOST] for blow in _DISK):
+            continue
+        last_ns = int(rows[-1]) if len(rows) else asked.from_ns
+        until_ns = asked.killed_ns - _TAIL_NS
+        came_ns = last_ns + _ENDS_NS
+        tail = [p for p in pieces if p.read_ns and not p.greets and came_ns < p.read_ns < until_ns]
+        if any(not piece.broken and piece.has_reading for piece in tail):
+            lost_s = (asked.killed_ns - last_ns) / 1e9
+            life.told.violations.append(f"{run.path.name}: the last {lost_s:.1f} s of {stream} before a kill are lost")
 
 
 def _judge_missing(
@@ -110,8 +125,10 @@ def _judge_missing(
     begin_ns, end_ns = (pieces[min(places)].at_ns, pieces[max(places)].at_ns) if places else (0, 0)
     if asked:
         begin_ns = asked.from_ns + _ENDS_NS // 100
-        if chain[-1].manifest.reason == STOPPED:  # else what came until then is in no run, and counted so in the status
+        if chain[-1].manifest.reason == STOPPED:
             end_ns = max(end_ns, (asked.to_ns or 0) - _ENDS_NS)
+        elif asked.to_ns and asked.dropped is not None:  # given up: what came until then is counted in the status alone
+            end_ns, dropped = max(end_ns, asked.to_ns - _ENDS_NS), max(dropped, asked.dropped.get(stream, 0))
     if stream in life.instruments.in_two:
         places = {place + beside for place in places for beside in (-1, 0, 1)}
     missing = [
@@ -119,13 +136,26 @@ def _judge_missing(
         for place, piece in enumerate(pieces)
         if piece.read_ns and not piece.greets and begin_ns <= piece.read_ns and piece.at_ns <= end_ns
         and place not in places
-        and any(number >= 0 for numbers in piece.readings.values() for number in numbers)
+        and piece.has_reading
     ]  # fmt: skip
     sure = [place for place in missing if not _is_spoilt(life, pieces, place)]
     if len(sure) > dropped * (2 if stream in life.instruments.in_two else 1):
         when = [round(pieces[place].at_ns / 1e9 - 1000, 3) for place in sure[:4]]
         told = f"{len(sure)} messages of {stream} were read and are no rows, {dropped} are counted as dropped"
         life.told.violations.append(f"{chain[0].path.name}: {told}; the first came at {when} s")
+    if asked and chain[-1].manifest.reason == STOPPED and dropped > (room := _readings_besides(pieces, asked, places)):
+        told = f"{dropped} samples of {stream} are counted as dropped, and only {room} that came are no rows"
+        life.told.violations.append(f"{chain[0].path.name}: {told}")
+
+
+def _readings_besides(pieces: Sequence[Piece], asked: Asked, places: set[int]) -> int:
+    """The most samples that came about the time of a recording and are no rows of it."""
+    begin_ns, end_ns = asked.from_ns - _ENDS_NS, (asked.to_ns or 0) + _ENDS_NS
+    return sum(
+        max(map(len, piece.readings.values()), default=0)
+        for place, piece in enumerate(pieces)
+        if piece.read_ns and begin_ns <= piece.read_ns <= end_ns and place not in places
+    )
 
 
 def _is_spoilt(life: Life, pieces: Sequence[Piece], place: int) -> bool:

@@ -53,6 +53,11 @@ class Piece:
     read_ns: int | None = None
     """When the daemon took it from its end."""
 
+    @property
+    def has_reading(self) -> bool:
+        """Whether it holds a reading of a gauge that was not off."""
+        return any(number >= 0 for numbers in self.readings.values() for number in numbers)
+
 
 @dataclass
 class Instruments:

@@ -33,14 +33,30 @@ _GOES_ON_S = 140.0
 
 
 @dataclass
+class Heard:
+    """What the daemon's log says. wrong: what it must never say; slow: how often the disk was called slow."""
+
+    wrong: list[str] = field(default_factory=list)
+    slow: int = 0
+
+
+@dataclass
 class Asked:
     """A recording by hand: its first run, and between which times all that the daemon reads belongs to it."""
 
     path: Path
     from_ns: int
     to_ns: int | None = None
+    daemon: int = 0
+    """The number of the daemon that began it."""
+    before: dict[str, int] = field(default_factory=dict)
+    dropped: dict[str, int] | None = None
+    """Samples of each stream that the status counted as dropped before it began, and since; None while not all of it
+    is closed, since what is lost then is counted later."""
     synced: dict[str, int] = field(default_factory=dict)
     """Rows that were known to be synced when the daemon was killed."""
+    killed_ns: int = 0
+    """When the daemon was killed; 0 where it was not."""
 
 
 @dataclass
@@ -62,8 +78,8 @@ class Told:
 class Life:
     """One world from its beginning to its end; `live` returns what is left to be judged."""
 
-    def __init__(self, world: World, folder: Path, time_: SimulatedClock) -> None:
-        self.world, self.folder, self.time = world, folder, time_
+    def __init__(self, world: World, folder: Path, time_: SimulatedClock, heard: Heard) -> None:
+        self.world, self.folder, self.time, self.heard = world, folder, time_, heard
         self.told = Told(world)
         self.dice = Random(world.seed * 7919 + 1)
         self.runs = folder / "runs"
@@ -123,6 +139,7 @@ class Life:
             self.wrong(f"buffers do not empty: {waiting}")
         if self._sizes and (size := _size_of(self.daemon)) > 1.5 * self._sizes[0] + 5000:
             self.wrong(f"the daemon grew from {self._sizes[0]} to {size} objects in the second half")
+        self._count_dropped()
         self.close()
         self.start()
         clock.sleep(3)
@@ -203,14 +220,15 @@ class Life:
 
     def record(self) -> None:
         """Begin a recording by hand."""
-        from_ns = clock.now_ns()
+        self._count_dropped()
+        from_ns, before = clock.now_ns(), self._dropped()
         try:
             path = self.ask("record_start", name="storm", **what_to_record(self.gauges))["run"]
         except RigError as error:
             if not any(self.befell.values()) and "already running" not in str(error):
                 self.wrong(f"a recording was refused, and nothing had happened: {error}")
             return
-        self.asked.append(Asked(Path(path), from_ns))
+        self.asked.append(Asked(Path(path), from_ns, daemon=self.cell.daemons, before=before))
 
     def _stop(self) -> None:
         now_ns, state = clock.now_ns(), self.ask("status")
@@ -226,6 +244,17 @@ class Life:
         if self.asked and self.asked[-1].to_ns is None:
             self.asked[-1].to_ns = now_ns
 
+    def _dropped(self) -> dict[str, int]:
+        streams = self.ask("status")["streams"]
+        return {name: state["counters"].get(FaultKind.DROPPED, 0) for name, state in streams.items()}
+
+    def _count_dropped(self) -> None:
+        """Note how many samples were dropped since the last recording by hand began."""
+        if self.asked and self.asked[-1].daemon == self.cell.daemons:
+            asked, state = self.asked[-1], self.ask("status")
+            now = {} if state.get("closing") else self._dropped()
+            asked.dropped = {name: count - asked.before[name] for name, count in now.items()} or None
+
     def note_runs(self) -> None:
         """Note which runs are there, and see that none is gone that may not go."""
         there = {path for path in self.runs.iterdir() if not path.name.startswith(".") and is_run(path)}
@@ -240,7 +269,7 @@ class Life:
             found = next((asked for asked in self.asked if str(asked.path) == state["run"]), None)
             if found is None:
                 self.asked.append(found := Asked(Path(state["run"]), clock.now_ns()))
-            found.synced = dict(state["synced"])
+            found.synced, found.killed_ns = dict(state["synced"]), clock.now_ns()
             found.to_ns = found.to_ns or 0
         else:
             self.ended(0)

@@ -19,7 +19,7 @@ from daq.store import writer
 from tests.support.simulated_clock import SimulatedClock, close_files_in
 from tests.support.storm.blows import BLOWS
 from tests.support.storm.judging import judge_runs
-from tests.support.storm.life import Life, Told
+from tests.support.storm.life import Heard, Life, Told
 from tests.support.storm.worlds import World, world
 
 _ROOM, _PENDING = 150, 100
@@ -29,12 +29,12 @@ _ROOM, _PENDING = 150, 100
 def weather(seed: int) -> Told:
     """Live the world of a seed to its end, and judge it."""
     drawn, began_s = world(seed), time.perf_counter()
-    with tempfile.TemporaryDirectory(prefix="rig-storm-") as scratch, _overheard() as said, _rooms_of(drawn):
+    with tempfile.TemporaryDirectory(prefix="rig-storm-") as scratch, _overheard() as heard, _rooms_of(drawn):
         time_ = SimulatedClock(seed)
         life = None
         try:
             with time_.running():
-                life = Life(drawn, Path(scratch), time_)
+                life = Life(drawn, Path(scratch), time_, heard)
                 with life.disk.in_place():
                     life.live(BLOWS)
             judge_runs(life)
@@ -45,7 +45,7 @@ def weather(seed: int) -> Told:
         finally:
             close_files_in(Path(scratch))
         told = life.told if life else Told(drawn)
-        told.violations += said
+        told.violations += heard.wrong
         told.seconds, told.took_s = time_.elapsed_s, time.perf_counter() - began_s
         return told
 
@@ -69,24 +69,27 @@ def _rooms_of(drawn: World) -> Iterator[None]:
 
 
 @contextmanager
-def _overheard() -> Iterator[list[str]]:
-    """What a daemon says of itself that it must never say: errors in the program, in its log or of a thread."""
-    wrong: list[str] = []
+def _overheard() -> Iterator[Heard]:
+    """Hear what a daemon says of itself: of its disk, and what it must never say, errors in the program."""
+    heard = Heard()
 
     class Ear(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
+            heard.slow += record.getMessage().startswith("disk: slow")
             if record.exc_info or "internal error" in record.getMessage():
                 detail = "".join(traceback.format_exception(record.exc_info[1])[-3:]) if record.exc_info else ""
-                wrong.append(f"the log tells of an error in the program: {record.getMessage()} {detail}")
+                heard.wrong.append(f"the log tells of an error in the program: {record.getMessage()} {detail}")
 
     log, ear, hook, interval_s = logging.getLogger("rigd"), Ear(), threading.excepthook, sys.getswitchinterval()
     level, passes = log.level, log.propagate
     log.addHandler(ear)
     log.setLevel(logging.INFO)
     log.propagate = False
-    threading.excepthook = lambda args: wrong.append(f"a thread died of {args.exc_type.__name__}: {args.exc_value}")
+    threading.excepthook = lambda args: heard.wrong.append(
+        f"a thread died of {args.exc_type.__name__}: {args.exc_value}"
+    )
     try:
-        yield wrong
+        yield heard
     finally:
         log.removeHandler(ear)
         log.setLevel(level)
