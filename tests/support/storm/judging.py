@@ -30,7 +30,8 @@ _GARBLED = {
 _MAY_NAME = {
     Blow.CABLE: _LINE,
     Blow.RESET: _LINE,
-    Blow.LATE: {FaultKind.SILENT, FaultKind.LATE, FaultKind.DISCONNECTED},
+    # A KUKA whose messages come late hears late answers, and says so.
+    Blow.LATE: {FaultKind.SILENT, FaultKind.LATE, FaultKind.DISCONNECTED, FaultKind.DEVICE_ERROR},
     Blow.CUT: _GARBLED,
     Blow.JUNK: _GARBLED,
     Blow.HEAD_OFF: {FaultKind.DEVICE_ERROR, FaultKind.MISSING, FaultKind.DOUBTFUL},

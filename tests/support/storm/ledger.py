@@ -30,8 +30,9 @@ _STEP_DEG, _LEVELS = 5e-4, 32
 _DRIVES_DEG_S = 4.0
 _REACH = 600
 """Pieces among which a row's is sought: more than half of a gauge's way, on which no reading comes twice."""
-_GREETING = 2
-"""Messages with readings by which an OPC UA server answers a client that looks for its nodes, before it reads them."""
+_GREETINGS = {"opc_ua_robotics": 2, "micro_epsilon_ild1420": 1}
+"""Messages with readings that begin a connection and are no rows: an OPC UA server answers a client that looks for its
+nodes; of a sensor's stream of three-byte values the first shows where they begin."""
 _TIED = 2_000_000
 """Stamps lie within so many ns of the arrival: a dozen threads may go on at one instant, each for up to 20 µs, and
 several times."""
@@ -64,7 +65,7 @@ class Instruments:
     """A motion that numbers its readings, and the ledger of what was sent.
 
     pieces: those with readings, of each stream, in order. in_two: streams whose every reading takes two messages.
-    greets: streams that are asked for their readings as a connection begins. off: gauges whose heads are off; program:
+    greets: the number of messages that begin each connection of a stream and are no rows. off: gauges whose heads are off; program:
     the robot's signal.
     """
 
@@ -72,7 +73,7 @@ class Instruments:
     """The stream of each column that tells numbers."""
     pieces: dict[str, list[Piece]] = field(default_factory=dict)
     in_two: set[str] = field(default_factory=set)
-    greets: set[str] = field(default_factory=set)
+    greets: dict[str, int] = field(default_factory=dict)
     off: set[str] = field(default_factory=set)
     program: int = 0
     _count: dict[str, int] = field(default_factory=dict)
@@ -86,9 +87,10 @@ class Instruments:
         made = cls()
         for stream in streams:
             made.pieces[stream] = []
-            if stream == ROBOT and rig.feedback and rig.feedback.interface == "opc_ua_robotics":
-                made.greets.add(stream)
-            for name in [ROBOT] if stream == ROBOT else [n for n in rig.gauges.recorded if n in stream.split("_")]:
+            names = [ROBOT] if stream == ROBOT else [n for n in rig.gauges.recorded if n in stream.split("_")]
+            device = rig.feedback if stream == ROBOT else rig.gauges.recorded[names[0]]
+            made.greets[stream] = _GREETINGS.get(device.interface, 0)
+            for name in names:
                 made.streams[name] = stream
                 if name != ROBOT and isinstance(rig.gauges.recorded[name], SolartronOrbit):
                     made.in_two.add(stream)
@@ -123,7 +125,7 @@ class Instruments:
         def sent(data: bytes, changed: bytes, at_ns: int, later_ns: int) -> Callable[[], None]:
             readings, self._pending[line.name] = self._pending[line.name], {}
             connections.extend([line.connections] * bool(readings))
-            greets = line.name in self.greets and connections.count(line.connections) <= _GREETING
+            greets = connections.count(line.connections) <= self.greets[line.name]
             piece = Piece(at_ns, readings, changed != data, later_ns > 0, greets)
             if readings or piece.broken or piece.late:
                 self.pieces[line.name].append(piece)
