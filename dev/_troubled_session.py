@@ -1,97 +1,188 @@
-"""`rig session --emulated`, with hands at the cell that make mistakes: for `scripts/dev sessions` alone."""
+"""A session in simulated time, with hands at the cell that make mistakes: for `scripts/dev sessions` alone.
+
+What a person or a computer does wrong comes at its time: `at_robot` by the number of the start of a program,
+`at_computer` by the second of the session.
+"""
 
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from analysis.cli.console import say, say_error
 from analysis.session.cell import EmulatedHands
 from analysis.session.correct import CORRECTIONS, entries_file
 from analysis.session.plan import Program
-from analysis.session.run import Asked, run_session
+from analysis.session.run import Asked, Means, run_session
 from analysis.session.state import Emulated, Place
+from daq import clock
 from rigs.errors import RigError
 from rigs.load import load
+from tests.support.simulated_clock import SimulatedClock
+from tests.support.simulated_session import SimulatedCells, TimedInference
+
+MOST_STARTS = 8
+"""So often the same command is given again."""
+_SLOWEST_INFERENCE_S = 1800.0
+
+
+class SessionKilled(BaseException):
+    """The session's process is gone."""
 
 
 class TroubledHands(EmulatedHands):
-    """Does at a given start of a program what a person may do; `troubles`: the trouble of each start, from 0."""
+    """Does at a given start of a program what a person may do, and calls `meanwhile` at each look."""
 
-    def __init__(self, directory: Path, asked: Asked, troubles: dict[int, str]) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        asked: Asked,
+        cells: SimulatedCells,
+        at_robot: dict[int, str],
+        meanwhile: Callable[[], None],
+    ) -> None:
         assert asked.emulated is not None
         kept = Place(directory).read()
         entered = kept is not None and kept.correction is not None and kept.correction.entered
         files = [entries_file(directory / CORRECTIONS)] if entered else []
-        super().__init__(directory, asked.maker, asked.emulated, files)
-        self._troubles, self._file = troubles, directory / "starts.txt"
+        super().__init__(directory, asked.maker, asked.emulated, files, cells.start_cell)
+        self._troubles, self._file, self._meanwhile = at_robot, directory / "starts.txt", meanwhile
         self._later: list[tuple[float, str]] = []
 
     def start(self, program: Program) -> None:
         number = int(self._file.read_text()) if self._file.exists() else 0
         self._file.write_text(str(number + 1))
-        trouble, now_s = self._troubles.get(number, ""), time.monotonic()
+        trouble, now_s = self._troubles.get(number, ""), clock.now_s()
         self._later = []
         match trouble:
             case "late":
                 self._later = [(now_s + 20, f"run {program.name}")]
+                return
             case "other":
-                others = [p.stem for p in sorted((self._directory / "programs" / program.stage).glob("*.*"))]
+                others = [path.stem for path in sorted((self._directory / "programs" / program.stage).glob("*.*"))]
                 mine = program.name.replace("-", "_")
-                wrong = next((one for one in others if one.lower() != mine.lower()), mine)
-                super().start(program)
-                self._waits = False
+                wrong = next((name for name in others if name.lower() != mine.lower()), mine)
                 self._later = [(now_s + 1, "stop"), (now_s + 3, f"run {wrong}")]
             case "stop":
-                super().start(program)
                 self._later = [(now_s + 10, "stop")]
             case "pause":
-                super().start(program)
                 self._later = [(now_s + 9, "pause"), (now_s + 11, "go on")]
             case "twice":
-                super().start(program)
                 self._later = [(now_s + 2, f"run {program.name}")]
-            case _:
-                super().start(program)
+        super().start(program)
+        if trouble == "other":
+            self._waits = False
 
     def look(self) -> None:
-        now_s = time.monotonic()
+        self._meanwhile()
+        now_s = clock.now_s()
         for line in [line for at_s, line in self._later if at_s <= now_s]:
             self._type(line)
-        self._later = [one for one in self._later if one[0] > now_s]
+        self._later = [(at_s, line) for at_s, line in self._later if at_s > now_s]
         super().look()
 
 
+class Computer:
+    """What happens to the session's computer at its time."""
+
+    def __init__(self, directory: Path, cells: SimulatedCells, troubles: list[tuple[float, str]]) -> None:
+        self._runs, self._cells, self._pending = directory / "runs", cells, troubles
+        self._began_s = clock.now_s()
+
+    def meanwhile(self) -> None:
+        while self._pending and self._pending[0][0] <= clock.now_s() - self._began_s and self._runs.is_dir():
+            self._do(self._pending.pop(0)[1])
+
+    def _do(self, trouble: str) -> None:
+        match trouble:
+            case "kill":
+                raise SessionKilled
+            case "interrupt":
+                raise KeyboardInterrupt
+            case "kill_rigd":
+                assert self._cells.rigd is not None
+                self._cells.rigd.kill()
+            case "by_hand":
+                whole = next((p for p in sorted(self._runs.glob("*_p0*")) if (p / "manifest.json").exists()), None)
+                if whole:
+                    shutil.copytree(whole, self._runs / "20200101T000000Z_somebody", dirs_exist_ok=True)
+            case "stranger":
+                (self._runs / "20200101T000001Z_elsewhere").mkdir(exist_ok=True)
+                (self._runs / "20200101T000001Z_elsewhere" / "manifest.json").write_text("{}")
+
+
+class Lines:
+    """The session's screen: lines with the minute of the session."""
+
+    def say(self, line: str) -> None:
+        print(f"{clock.now_s() / 60 % 1000:6.2f} {line}", flush=True)
+
+    def show(self, line: str) -> None:
+        """Nothing is rewritten in a log."""
+
+
 def main() -> None:
+    """Read a request, run the session until it is at its end, and write what came of it beside the request."""
     request = json.loads(Path(sys.argv[1]).read_text())
-    rig, text = load(request["rig"])
+    began_s = time.monotonic()
+    with SimulatedClock(request["seed"], hangs_s=_SLOWEST_INFERENCE_S).running() as simulated:
+        exits = _starts(simulated, request)
+        came: dict[str, Any] = {"exits": exits, "minutes": simulated.elapsed_s / 60}
+    came["computing_s"] = time.monotonic() - began_s
+    Path(sys.argv[1]).with_name("came.json").write_text(json.dumps(came))
+
+
+def _starts(simulated: SimulatedClock, request: dict[str, Any]) -> list[int]:
+    """Give the same command until the session is at its end; its exit codes."""
     directory = Path(request["directory"])
+    cells = SimulatedCells(simulated, directory)
+    computer = Computer(directory, cells, [(at_s, kind) for at_s, kind in request["at_computer"]])
+    at_robot = {int(number): trouble for number, trouble in request["at_robot"].items()}
+    rig, text = load(request["rig"])
     asked = Asked(
         rig_file=request["rig"],
-        aim="faults",
+        aim=request["aim"],
         minutes=request["minutes"],
         maker=request["maker"],
         emulated=Emulated(effects=request["effects"], seed=request["seed"]),
         operator="trial",
         wait_min=1.5,
     )
+    exits: list[int] = []
+    while len(exits) < MOST_STARTS and 0 not in exits:
+        exits.append(_one_start(rig, text, directory, asked, cells, at_robot, computer))
+    return exits
 
-    class Lines:
-        def say(self, line: str) -> None:
-            say(f"{time.strftime('%H:%M:%S')} {line}")
-            sys.stdout.flush()
 
-        def show(self, line: str) -> None:
-            """Nothing is rewritten in a log."""
-
-    troubles = {int(number): trouble for number, trouble in request["troubles"].items()}
+def _one_start(
+    rig: Any,
+    text: str,
+    directory: Path,
+    asked: Asked,
+    cells: SimulatedCells,
+    at_robot: dict[int, str],
+    computer: Computer,
+) -> int:
+    hands = TroubledHands(directory, asked, cells, at_robot, computer.meanwhile)
+    place = Place(directory)
     try:
-        run_session(rig, text, Place(directory), asked, Lines(), TroubledHands(directory, asked, troubles))
+        run_session(rig, text, place, asked, Lines(), Means(hands, cells.start_rigd, TimedInference.start))
     except RigError as error:
-        say_error(error)
-        sys.exit(error.exit_code)
+        print(f"error: {error}", flush=True)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except SessionKilled:
+        with suppress(RigError):
+            if cells.rigd is not None:
+                cells.rigd.stop()
+        return -9
+    return 0
 
 
 if __name__ == "__main__":

@@ -7,16 +7,13 @@ of ten kinds of trouble. What is said of the arm is read from what the session w
 from __future__ import annotations
 
 import json
-import os
 import random
 import shutil
-import signal
 import statistics
 import subprocess
 import sys
-import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,7 +21,7 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from analysis.session.state import Place, Session
+from analysis.session.state import Aim, Place, Session
 from rigs.load import find, load
 from rigs.schema.vocabulary import MAKERS
 
@@ -34,9 +31,8 @@ AT_ROBOT = ("stop", "pause", "other", "twice", "late")
 AT_COMPUTER = ("kill", "interrupt", "kill_rigd", "by_hand", "stranger")
 """The session is killed, or ended by Ctrl-C; rigd is killed; somebody else leaves a run; so does another cell."""
 MINUTES = 5.0
-MOST_STARTS = 8
-"""So often the same command is given again."""
 LONGEST_S = 1500
+"""A session that computes for longer hangs."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +87,16 @@ def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
     return {"effect": "link_geometry", "axis": chance.choice((3, 4)), "field": "a", "delta": delta}
 
 
-def run_trial(trial: Trial, root: Path) -> dict[str, Any]:
-    """Run a session to its end, given the same command again after each of its ends, and say what came of it."""
+def run_trial(trial: Trial, root: Path, aim: str) -> dict[str, Any]:
+    """Run a session to its end in a process of its own, and say what came of it; one that was run is read again."""
     place = root / f"{trial.number:03d}"
+    if not (place / "came.json").exists():
+        _run(trial, place, aim)
+    came = place / "came.json"
+    return outcome(trial, place / "session", json.loads(came.read_text()) if came.exists() else {})
+
+
+def _run(trial: Trial, place: Path, aim: str) -> None:
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     _, text = load(trial.arm)
@@ -105,69 +108,22 @@ def run_trial(trial: Trial, root: Path) -> dict[str, Any]:
     request = {
         "rig": str(place / "cell.yaml"),
         "directory": str(place / "session"),
+        "aim": aim,
         "minutes": MINUTES,
         "maker": trial.maker,
         "effects": str(place / "hidden.yaml"),
         "seed": trial.number,
-        "troubles": trial.at_robot,
+        "at_robot": trial.at_robot,
+        "at_computer": trial.at_computer,
     }
     (place / "request.json").write_text(json.dumps(request))
-    runtime = tempfile.mkdtemp(prefix="rig-sessions-")
-    began_s, pending, exits = time.monotonic(), list(trial.at_computer), []
-    environment = {**os.environ, "XDG_RUNTIME_DIR": runtime}
-    try:
-        while len(exits) < MOST_STARTS and time.monotonic() - began_s < LONGEST_S:
-            exits.append(_one_start(place, environment, began_s, pending))
-            if exits[-1] == 0:
-                break
-    finally:
-        shutil.rmtree(runtime, ignore_errors=True)
-    return outcome(trial, place / "session", exits, time.monotonic() - began_s)
+    command = [sys.executable, str(Path(__file__).with_name("_troubled_session.py")), str(place / "request.json")]
+    with (place / "log.txt").open("ab") as log, suppress(subprocess.TimeoutExpired):
+        subprocess.run(command, stdout=log, stderr=log, timeout=LONGEST_S, check=False)
 
 
-def _one_start(place: Path, environment: dict[str, str], began_s: float, pending: list[tuple[float, str]]) -> int:
-    """Start the session once, and do to it what is due meanwhile; return its exit code."""
-    program = Path(__file__).with_name("_troubled_session.py")
-    with (place / "log.txt").open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, str(program), str(place / "request.json")], stdout=log, stderr=log, env=environment
-        )
-        while process.poll() is None:
-            now_s = time.monotonic() - began_s
-            if now_s > LONGEST_S:
-                process.kill()
-            while pending and pending[0][0] <= now_s and (place / "session" / "runs").is_dir():
-                _trouble(pending.pop(0)[1], process.pid, place)
-            time.sleep(0.2)
-    return process.wait()
-
-
-def _trouble(kind: str, pid: int, place: Path) -> None:
-    runs = place / "session" / "runs"
-    match kind:
-        case "kill":
-            os.kill(pid, signal.SIGKILL)
-        case "interrupt":
-            os.kill(pid, signal.SIGINT)
-        case "kill_rigd":
-            for child in _children(pid):
-                if "daq.service.rigd" in Path(f"/proc/{child}/cmdline").read_text():
-                    os.kill(child, signal.SIGKILL)
-        case "by_hand":
-            whole = next((path for path in sorted(runs.glob("*_p0*")) if (path / "manifest.json").exists()), None)
-            if whole:
-                shutil.copytree(whole, runs / "20200101T000000Z_somebody", dirs_exist_ok=True)
-        case "stranger":
-            (runs / "20200101T000001Z_elsewhere").mkdir(exist_ok=True)
-            (runs / "20200101T000001Z_elsewhere" / "manifest.json").write_text("{}")
-
-
-def _children(pid: int) -> list[int]:
-    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def outcome(trial: Trial, directory: Path, exits: list[int], seconds: float) -> dict[str, Any]:
-    """What came of a session."""
+def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
+    """What came of a session. came: how it ended; empty where its process did not end by itself."""
     session = Place(directory).read()
     found: dict[str, Any] = {
         "number": trial.number,
@@ -175,8 +131,9 @@ def outcome(trial: Trial, directory: Path, exits: list[int], seconds: float) -> 
         "maker": trial.maker,
         "hidden": [_name(effect) for effect in trial.effects],
         "trouble": [*trial.at_robot.values(), *(kind for _, kind in trial.at_computer)],
-        "exits": exits,
-        "minutes": round(seconds / 60, 1),
+        "exits": came.get("exits", []),
+        "minutes": round(came.get("minutes", 0.0), 1),
+        "computing_s": round(came.get("computing_s", 0.0)),
         "finished": bool(session and session.report),
     }
     if session is None:
@@ -190,6 +147,8 @@ def outcome(trial: Trial, directory: Path, exits: list[int], seconds: float) -> 
     }
     named = _named(session, directory)
     found["named"] = [name for name in found["hidden"] if name in named]
+    found["invented"] = _invented(session, directory, set(found["hidden"]))
+    found["off_u"] = _off_u(trial, session, directory)
     verified = session.verified
     if verified and verified.elsewhere_before:
         before, after = verified.elsewhere_before, verified.elsewhere_after
@@ -202,16 +161,37 @@ def _lost(session: Session, directory: Path) -> int:
     return sum(not (directory / "runs" / one.run).is_dir() for step in session.steps for one in step.tries)
 
 
-def _named(session: Session, directory: Path) -> set[str]:
-    """The faults of the last inference, with their rivals and twins."""
+def _standing(session: Session, directory: Path) -> list[dict[str, Any]]:
+    """The effects that stand after the last inference."""
     if session.answer is None:
-        return set()
+        return []
     data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
-    found: set[str] = set()
-    for effect in data["effects"]:
-        if effect["stands"]:
-            found |= {_name(one) for one in (effect, *effect["rivals"])}
-    return found
+    return [effect for effect in data["effects"] if effect["stands"]]
+
+
+def _names(effect: dict[str, Any]) -> set[str]:
+    """The name of an effect that was found, and those of its rivals."""
+    return {_name(one) for one in (effect, *effect["rivals"])}
+
+
+def _named(session: Session, directory: Path) -> set[str]:
+    return set().union(*(_names(effect) for effect in _standing(session, directory)))
+
+
+def _invented(session: Session, directory: Path, hidden: set[str]) -> list[str]:
+    """Effects that stand and were not hidden, nor a rival of what was."""
+    return [_name(effect) for effect in _standing(session, directory) if not _names(effect) & hidden]
+
+
+def _off_u(trial: Trial, session: Session, directory: Path) -> list[float]:
+    """How far each hidden effect that was named lies from the truth, in its u."""
+    off: list[float] = []
+    for effect in _standing(session, directory):
+        hidden = next((one for one in trial.effects if _name(one) == _name(effect)), {})
+        for key, found in effect["parameters"].items():
+            if key in hidden and key != "phase_deg" and found["sd"]:
+                off.append(round((found["value"] - hidden[key]) / found["sd"], 2))
+    return off
 
 
 def _name(effect: dict[str, Any]) -> str:
@@ -235,6 +215,7 @@ def main(
     seed: Annotated[int, typer.Option(help="Seed of arms, effects and trouble.")] = 1,
     jobs: Annotated[int, typer.Option(min=1, help="Sessions at a time.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", help="Draw no trouble.")] = False,
+    aim: Annotated[Aim, typer.Option(help="What the sessions are for.")] = "faults",
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for all of them.")] = Path("sessions"),
 ) -> None:
     """Run sessions and print a line for each, then the sums."""
@@ -243,13 +224,16 @@ def main(
     trials = [drawn(seed, number, quiet=quiet) for number in range(count)]
     outcomes = []
     with ThreadPoolExecutor(jobs) as pool:
-        for found in pool.map(lambda trial: run_trial(trial, output.resolve()), trials):
+        for found in pool.map(lambda trial: run_trial(trial, output.resolve(), aim), trials):
             typer.echo(line_of(found))
             sys.stdout.flush()
             outcomes.append(found)
     (output / "outcomes.json").write_text(json.dumps(outcomes, indent=1))
     hidden = sum(len(one["hidden"]) for one in outcomes)
     named = sum(len(one.get("named", [])) for one in outcomes)
+    off = [abs(value) for one in outcomes for value in one.get("off_u", [])]
+    typer.echo(f"sizes within 2 u: {sum(value <= 2 for value in off)} of {len(off)}")
+    typer.echo(f"effects that were not hidden: {sum(len(one.get('invented', [])) for one in outcomes)}")
     both = [one for one in outcomes if one.get("after_um") is not None]
     typer.echo(f"finished {sum(one['finished'] for one in outcomes)} of {count}, named {named} of {hidden}")
     typer.echo(f"runs lost: {sum(one.get('lost', 0) for one in outcomes)}")
@@ -260,6 +244,8 @@ def main(
             typer.echo(f"{key} at a place not used: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
     minutes = [one["minutes"] for one in outcomes]
     typer.echo(f"minutes: median {statistics.median(minutes):.1f}, most {max(minutes):.1f}")
+    used = [(one["runs"], one["planned"]) for one in outcomes if "runs" in one]
+    typer.echo(f"programs driven {sum(runs for runs, _ in used)}, planned {sum(planned for _, planned in used)}")
 
 
 if __name__ == "__main__":

@@ -97,7 +97,9 @@ def emulate(
             say(f"{name}: {port}")
         own = ", ".join(["run NAME"] if programs else PROGRAMS)
         say(f"ready; next: rigd {path}; then type here: {own} or quit")
-        Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put).start()
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put)
+        keyboard.start()
+        keyboard.read()
         exit_code = ends.get()
     finally:
         sent = cell.stop()

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from queue import SimpleQueue
 
 from analysis.cli.console import say
 from analysis.emulation.pendant import Pendant
@@ -31,38 +31,62 @@ _SAID: dict[State, str] = {
 
 
 class Keyboard:
-    """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end."""
+    """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end.
 
-    def __init__(self, robot: EmulatedRobot, pendant: Pendant | None, end: Callable[[int], None]) -> None:
-        self._robot, self._pendant, self._end = robot, pendant, end
-        self._waiting: SimpleQueue[str | None] = SimpleQueue()
+    answer: called with each line that the cell answers.
+    """
+
+    def __init__(
+        self,
+        robot: EmulatedRobot,
+        pendant: Pendant | None,
+        end: Callable[[int], None],
+        answer: Callable[[str], None] = say,
+    ) -> None:
+        self._robot, self._pendant, self._end, self._answer = robot, pendant, end, answer
+        self._waiting: deque[str] = deque()
+        self._some_wait = clock.Event()
+
+    def read(self) -> None:
+        """Begin to take the lines of standard input."""
+        threading.Thread(target=self._read, daemon=True).start()
 
     def start(self) -> None:
-        """Begin to read standard input."""
-        threading.Thread(target=self._read, daemon=True).start()
-        threading.Thread(target=self._begin_in_turn, daemon=True).start()
+        """Begin to do what waits for its turn."""
+        clock.Thread(target=self._begin_in_turn, name="keyboard", daemon=True).start()
+
+    def take(self, line: str) -> None:
+        """Take a line: what acts at once is done."""
+        word, _, _ = line.partition(" ")
+        if word in ("stop", "pause", "show") or line == "go on":
+            self._try(self._at_once, line)
+        else:
+            self._waiting.append(line)
+            self._some_wait.set()
 
     def _read(self) -> None:
         for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
-            word = line.split()[0]
-            if word in ("stop", "pause", "show") or line == "go on":
-                _try(self._at_once, line)
-            else:
-                self._waiting.put(line)
+            self.take(line)
         if has_keyboard():
-            self._waiting.put(None)  # without one: serve until a signal comes
+            self.take("quit")  # without one: serve until a signal comes
 
     def _begin_in_turn(self) -> None:
-        while (line := self._waiting.get()) not in (None, "quit"):
-            _try(self._begin, str(line))
+        while (line := self._next()) != "quit":
+            self._try(self._begin, line)
         self._end(0)
+
+    def _next(self) -> str:
+        while not self._waiting:
+            self._some_wait.wait()
+            self._some_wait.clear()
+        return self._waiting.popleft()
 
     def _at_once(self, line: str) -> None:
         word, _, rest = line.partition(" ")
         if word == "show":
             column, _, value = rest.strip().partition(" ")
             self._robot.show(column, value.strip())
-            say(f"{column}: {value.strip()}")
+            self._answer(f"{column}: {value.strip()}")
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
@@ -76,7 +100,7 @@ class Keyboard:
         if word == "enter":
             count, more_rad = self._with_programs().enter(Path(name.strip()))
             self._robot.reads_more(more_rad)
-            say(f"{name.strip()}: entered, {count} parameters")
+            self._answer(f"{name.strip()}: entered, {count} parameters")
             return
         if word == "run":
             name = name.strip()
@@ -85,7 +109,7 @@ class Keyboard:
             raise UseError(line, "does not know the parameters that were entered", "start a program with run NAME")
         else:
             name, seconds = line, self._robot.start(line)
-        say(f"{name}: driving, {seconds:.1f} s")
+        self._answer(f"{name}: driving, {seconds:.1f} s")
         self._watch(name)
 
     def _with_programs(self) -> Pendant:
@@ -99,12 +123,11 @@ class Keyboard:
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
                 before = state
-                say(f"{name}: {_SAID[state]}")
+                self._answer(f"{name}: {_SAID[state]}")
             clock.sleep(_LOOK_S)
 
-
-def _try(act: Callable[[str], None], line: str) -> None:
-    try:
-        act(line)
-    except RigError as error:
-        say(f"error: {error}")
+    def _try(self, act: Callable[[str], None], line: str) -> None:
+        try:
+            act(line)
+        except RigError as error:
+            self._answer(f"error: {error}")

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from analysis.measures.usable import why_unusable
 from analysis.session.plan import Program
-from analysis.session.processes import Child, await_line
+from analysis.session.processes import Child, Talking, await_line
 from analysis.session.state import Emulated, Stage, Step
 from analysis.session.watch import Watch, Way
 from daq import clock
@@ -132,6 +132,10 @@ class Rigd:
             clock.sleep(LOOK_S)
             with suppress(CellError):
                 self._client = Client(find_socket(self._name)).__enter__()
+        self._hold_reading()
+
+    def _hold_reading(self) -> None:
+        """Wait until every stream has readings. Raises CellError."""
         until_s = clock.now_s() + _READS_S
         while silent := self.silent():
             if clock.now_s() > until_s:
@@ -174,6 +178,10 @@ class Rigd:
         self._child.stop()
 
 
+StartRigd = Callable[[str, Path, Path, Path], Rigd]
+"""Starts the daemon of a rig's name, by its rig file, into a directory of runs, with a log."""
+
+
 def _hold_unserved(rig_name: str) -> None:
     """Raise CellError where another rigd serves a rig; that of a session which was just killed has some seconds."""
     until_s = clock.now_s() + _LEAVES_S
@@ -192,11 +200,18 @@ class LiveDriver:
     """Drives steps in a cell whose instruments rigd reads."""
 
     def __init__(
-        self, rig_name: str, directory: Path, hands: Hands, screen: Screen, operator: str, wait_min: float
+        self,
+        rig_name: str,
+        directory: Path,
+        hands: Hands,
+        screen: Screen,
+        operator: str,
+        wait_min: float,
+        start_rigd: StartRigd = Rigd.start,
     ) -> None:
         """wait_min: how many minutes a robot has to begin."""
         self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
-        self._operator, self._wait_s = operator, 60 * wait_min
+        self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
         self._rigd: Rigd | None = None
         self._programs: Mapping[str, Program] = {}
         self._ways: dict[str, Way] = {}
@@ -212,7 +227,7 @@ class LiveDriver:
         self._ways = {name: Way.of(program.plan) for name, program in programs.items()}
         self._ended = ""
         rig_file = self._hands.set_up(stage, self._directory / "cells" / f"{stage.name}.yaml")
-        self._rigd = Rigd.start(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
+        self._rigd = self._start_rigd(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
 
     def drive(self, step: Step, wait: Callable[[], None]) -> Run:
         """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
@@ -400,14 +415,29 @@ class Person:
         """They go home."""
 
 
+def _emulate(arguments: Sequence[str | Path], log: Path) -> Child:
+    return Child.start("analysis.cli", "rig emulate", arguments, log, talks=True)
+
+
+StartCell = Callable[[Sequence[str | Path], Path], Talking]
+"""Starts an emulated cell with the arguments of `rig emulate`, and a log."""
+
+
 class EmulatedHands:
     """An emulated cell in a process: its robot drives the programs, and values are entered at its controller."""
 
-    def __init__(self, directory: Path, maker: Maker, emulated: Emulated, entered: Sequence[Path]) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        maker: Maker,
+        emulated: Emulated,
+        entered: Sequence[Path],
+        start_cell: StartCell = _emulate,
+    ) -> None:
         """entered: files whose values the controller has already."""
         self._directory, self._maker, self._emulated = directory, maker, emulated
-        self._entered = list(entered)
-        self._child: Child | None = None
+        self._entered, self._start_cell = list(entered), start_cell
+        self._child: Talking | None = None
         self._visits = 0
         self._waits, self._may_go_on, self._is_busy = False, False, False
 
@@ -422,9 +452,7 @@ class EmulatedHands:
         self._visits += 1
         self._is_busy = self._waits = False
         arguments += ["--seed", str(self._emulated.seed + self._visits)]
-        self._child = Child.start(
-            "analysis.cli", "rig emulate", arguments, self._directory / "emulated.log", talks=True
-        )
+        self._child = self._start_cell(arguments, self._directory / "emulated.log")
         await_line(self._child, "ready", _READY_S)
         for file in self._entered:
             self._enter(file)

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol
 
 from daq import clock
 from rigs.errors import CellError, FileError
@@ -23,8 +23,30 @@ _ENTRY = (
     "signal.signal(signal.SIGINT, signal.SIG_IGN); from {module} import main; sys.argv[0] = {name!r}; main()"
 )
 """The child asks for SIGTERM at its parent's end and leaves Ctrl-C to it. 1 is PR_SET_PDEATHSIG (linux/prctl.h)."""
+_LOOK_S = 0.05
 _ENDS_S = 15.0
 """The time for a child to end in order: rigd closes a run, which a slow disk may hold up."""
+
+
+class Talking(Protocol):
+    """A program that is told lines, and whose lines are heard."""
+
+    name: str
+    log: Path
+    lines: queue.SimpleQueue[str]
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+
+    def type_line(self, line: str) -> None:
+        """Write a line to it. Raises CellError where it has ended."""
+
+    def ended(self) -> CellError:
+        """Return the error for its end."""
+
+    def stop(self) -> None:
+        """End it."""
 
 
 class Child:
@@ -113,15 +135,17 @@ class Child:
         self._log.close()
 
 
-def await_line(child: Child, beginning: str, seconds: float) -> str:
+def await_line(child: Talking, beginning: str, seconds: float) -> str:
     """Return the next line of a child that begins so. Raises CellError where it ends before, or takes too long."""
     until_s = clock.now_s() + seconds
     while clock.now_s() < until_s:
-        with suppress(queue.Empty):
-            line = child.lines.get(timeout=0.1)
-            if line.startswith(beginning):
-                return line
+        try:
+            line = child.lines.get_nowait()
+        except queue.Empty:
+            if not child.runs:
+                raise child.ended() from None
+            clock.sleep(_LOOK_S)
             continue
-        if not child.runs:
-            raise child.ended()
+        if line.startswith(beginning):
+            return line
     raise CellError(child.name, f"was not ready after {seconds:.0f} s", f"see {child.log}")

@@ -6,9 +6,10 @@ import datetime as dt
 import sys
 from dataclasses import dataclass
 
-from analysis.session.cell import EmulatedHands, Hands, LiveDriver, Person, Screen
+from analysis.session.answer import Inference
+from analysis.session.cell import EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
 from analysis.session.correct import CORRECTIONS, entries_file
-from analysis.session.guide import Guide
+from analysis.session.guide import Guide, StartInference
 from analysis.session.plan import BY_HAND, BY_ITSELF, planned
 from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
 from rigs.errors import FileError, UseError
@@ -32,9 +33,24 @@ class Asked:
     entered: bool = False
 
 
-def run_session(rig: Rig, text: str, place: Place, asked: Asked, screen: Screen, hands: Hands | None = None) -> Session:
-    """Begin a session, or go on with the one that is kept, to its end. hands: what acts at the cell, in place of a
-    person or of the emulated cell's own.
+@dataclass(frozen=True)
+class Means:
+    """What a session works with. hands: None for a person, or the emulated cell's own."""
+
+    hands: Hands | None = None
+    start_rigd: StartRigd = Rigd.start
+    start_inference: StartInference = Inference.start
+
+
+def run_session(
+    rig: Rig,
+    text: str,
+    place: Place,
+    asked: Asked,
+    screen: Screen,
+    means: Means | None = None,
+) -> Session:
+    """Begin a session, or go on with the one that is kept, to its end.
 
     Raises RigError; what was reached is kept, and the same call goes on.
     """
@@ -47,11 +63,15 @@ def run_session(rig: Rig, text: str, place: Place, asked: Asked, screen: Screen,
         if kept is not None:
             _say_kept(kept, screen)
         place.write(session)
-        own = hands or _hands(session, place, screen)
-        driver = LiveDriver(rig.name, place.directory, own, screen, asked.operator, asked.wait_min)
+        means = means or Means()
+        own = means.hands or _hands(session, place, screen)
+        driver = LiveDriver(rig.name, place.directory, own, screen, asked.operator, asked.wait_min, means.start_rigd)
         pace = BY_ITSELF if session.emulated else BY_HAND
         try:
-            return Guide(place, session, driver, screen, pace, wanted=asked.correct).run()
+            guide = Guide(
+                place, session, driver, screen, pace, wanted=asked.correct, start_inference=means.start_inference
+            )
+            return guide.run()
         finally:
             driver.close()
 

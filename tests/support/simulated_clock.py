@@ -24,7 +24,7 @@ _WALL_NS = 1_767_225_600 * S
 _STEP_NS = (1_000, 20_000)
 """What a thread takes from one wait to the next."""
 _HANGS_S = 60.0
-"""A thread that comes to no wait for so long in real time never will: it waits for what the clock cannot see."""
+"""A thread that comes to no wait for so long in real time waits for what the clock cannot see."""
 
 
 class Deadlock(Exception):
@@ -52,8 +52,9 @@ class _Task:
 class SimulatedClock:
     """The clock; the thread that enters `running` is one of its threads, and drives it by waiting."""
 
-    def __init__(self, seed: int) -> None:
-        self.seed = seed
+    def __init__(self, seed: int, hangs_s: float = _HANGS_S) -> None:
+        """hangs_s: a thread that comes to no wait for so long in real time never will."""
+        self.seed, self._hangs_s = seed, hangs_s
         self.errors: list[BaseException] = []
         """What threads died of."""
         self.slept_ns = self.set_ns = 0
@@ -162,7 +163,7 @@ class SimulatedClock:
             return
         chosen.go.release()
         turn = self._turns
-        while me is not None and not me.go.acquire(timeout=_HANGS_S):
+        while me is not None and not me.go.acquire(timeout=self._hangs_s):
             if self._turns == turn:
                 raise Deadlock(f"{chosen.thread.name} comes to no wait")
             turn = self._turns

@@ -65,8 +65,8 @@ class Instruments:
     """A motion that numbers its readings, and the ledger of what was sent.
 
     pieces: those with readings, of each stream, in order. in_two: streams whose every reading takes two messages.
-    greets: the number of messages that begin each connection of a stream and are no rows. off: gauges whose heads are off; program:
-    the robot's signal.
+    greets: the number of messages that begin each connection of a stream and are no rows. off: gauges whose heads are
+    off; program: the robot's signal.
     """
 
     streams: dict[str, str] = field(default_factory=dict)
