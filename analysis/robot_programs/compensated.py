@@ -32,8 +32,12 @@ _REMEDY = "give the table that rig program --targets wrote for this rig file and
 
 def targets_of(plan: Plan) -> list[Target]:
     """Return the targets of a plan, each once, in the order in which the program first reaches them."""
-    moves = (step for step in plan.steps if isinstance(step, Move))
-    return list({id(target): target for move in moves for target in _reached_by(move)}.values())
+    return list({id(target): target for target in reached(plan)}.values())
+
+
+def reached(plan: Plan) -> list[Target]:
+    """Return the targets of a plan each time that the program reaches them."""
+    return [target for step in plan.steps if isinstance(step, Move) for target in _reached_by(step)]
 
 
 def table_of(plans: Sequence[Plan]) -> str:
@@ -98,7 +102,8 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
         case Arc(via, end):
             via, end = new[id(via)], new[id(end)]
             q = _followed(plan, around(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
-            yield replace(step, via=via, end=end, q=q)
+            # Turning with the path would end where its tangents lead, which corrected places bend.
+            yield replace(step, via=via, end=end, with_path=False, q=q)
         case Turn(target):
             # Corrections of the two orientations differ, so that a turn on the spot would miss the second place.
             end = new[id(target)]

@@ -1,8 +1,8 @@
 """The correction as a step of a session: values for the controller, or programs with corrected targets.
 
 Which of the two is decided by what they take away: values that are entered once serve every program and are preferred
-where they carry nearly as much; gears and soft joints are held by targets alone. A play, and whatever else depends on
-where a joint came from, is corrected by neither: a person mends it.
+where they carry nearly as much; gears, soft joints and plays are held by the targets of a program alone, whose ways
+are known. What depends on time or on the instruments is corrected by neither: a person mends it.
 """
 
 from __future__ import annotations
@@ -17,12 +17,17 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
+from analysis.correction.plays import ahead_of_plays, known_plays
 from analysis.correction.support import supports
-from analysis.correction.work import used_effects
+from analysis.correction.work import tool_poses, used_effects
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
 from analysis.inference.compare import compare
 from analysis.kinematics.arm import arm_of, forward
+from analysis.model.predict import model_of
 from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
+from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
 from analysis.session.state import Correction, Session, Stage, Step, Way
 from analysis.traces.loading import Measured, load_measured
@@ -57,7 +62,7 @@ class Corrected:
 @dataclass(frozen=True)
 class Left:
     """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
-    entries hold, and with what corrected targets hold."""
+    entries hold, and with what corrected targets hold, whose ways between them are the controller's."""
 
     now_um: float
     by_entries_um: float
@@ -85,11 +90,21 @@ def corrected(
     entries = found.at_controller
     assert entries is not None  # noqa: S101 - a maker was given
     measured = [load_measured(path) for path in runs]
-    held = ((), entries.effects, used_effects(model, found.effects))
-    left = Left(*(_left_um(measured, rig, effects) for effects in held))
+    targets = (*used_effects(model, found.effects), *known_plays(model))
+    now_um, by_entries_um, at_targets_um = (_left_um(measured, rig, held) for held in ((), entries.effects, targets))
+    try:
+        main = _of_test(rig, model, session.stages[0], "yaw")
+        by_targets_um = float(np.hypot(at_targets_um, _between_targets_um(rig, model, session.stages[0], main)))
+    except FileError:
+        if wanted == "programs":
+            raise
+        by_targets_um = float("inf")
+    left = Left(now_um, by_entries_um, by_targets_um)
     way = wanted or way_of(left, entries)
     if way == "none":
-        sentence = f"Nothing of the error of {left.now_um:.0f} µm rms is worth correcting by numbers."
+        sentence = (
+            f"No numbers take away much of the error of {left.now_um:.0f} µm rms: what causes it is mended at the arm."
+        )
         return Corrected(_correction(way, sentence, left, left.now_um), {})
     if way == "entries":
         falls = _falls(left, left.by_entries_um)
@@ -163,10 +178,30 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Progr
     moved = stage_rig(rig, stage).modelled_as(model)
     targets = [targets_of(one.plan) for one in programs]
     q = np.array([target.q for own in targets for target in own])
+    ahead = np.concatenate([ahead_of_plays(moved, one.plan) for one in programs])
     angles, _, left = corrected_angles(moved, supports(model), q)
     where = f"the corrected programs of the stage {stage.name}"
     if left:
         raise FileError(where, f"{len(left)} targets cannot be corrected: {left[0].what}", _ENTER)
+    angles = angles + ahead
     poses = forward(arm_of(moved.robot), angles)
     plans = compensated([one.plan for one in programs], angles, poses, range(1, len(q) + 1), where)
     return [replace(one, plan=plan) for one, plan in zip(programs, plans, strict=True)]
+
+
+def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:
+    """Return the error in µm, root mean square, that corrected programs of a circle leave on the ways between their
+    targets, where the controller turns evenly: waves that are short, and plays where a joint turns back. A shift of the
+    circle and what the gauges' zeros hold are left out."""
+    moved = stage_rig(rig, stage).modelled_as(model)
+    effects = (*used_effects(model, supports(model)), *known_plays(moved))
+    real, frame = model_of(moved, effects), frame_of(circle_of(moved))
+    squares = []
+    for program in programs:
+        q = np.concatenate([step.q for step in program.plan.steps if isinstance(step, Arc)])
+        place = tool_poses(real, q)[:, :3, 3] - frame.centre
+        phi = np.arctan2(place @ frame.v, place @ frame.u)
+        distance = np.linalg.norm(place, axis=1)
+        set_up = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+        squares.append((distance - set_up @ np.linalg.lstsq(set_up, distance)[0]) ** 2)
+    return 1e3 * float(np.sqrt(np.mean(np.concatenate(squares))))

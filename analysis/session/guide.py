@@ -27,7 +27,7 @@ from analysis.session.plan import (
 from analysis.session.state import MOST_TRIES, Answer, Place, Purpose, Session, Stage, Step, Try, Verified, Way
 from analysis.session.words import Words
 from daq import clock
-from daq.store import load_manifest
+from daq.store import load_manifest, read_run
 from daq.store.manifest import is_run
 from rigs.errors import CellError, RigError
 from rigs.load import load
@@ -224,7 +224,13 @@ class Guide:
         if not isinstance(following, Drive):
             return None
         number = self._number_of(manifest.name, self.session.steps[following.number].purpose)
-        return number if number is not None and not why_unusable(path) else None
+        return number if number is not None and not why_unusable(path) and not self._is_copy(path) else None
+
+    def _is_copy(self, path: Path) -> bool:
+        """Whether a run holds the readings of one that a step has: somebody copied it."""
+        own = [self._run(step) for step in self.session.steps if step.run]
+        readings = read_run(path).readings_sha256
+        return any(read_run(run).readings_sha256 == readings for run in own if is_run(run))
 
     def _number_of(self, program: str, purpose: Purpose) -> int | None:
         """Return the number of the first open step of a program with a purpose."""

@@ -40,7 +40,9 @@ _STEP_DEG = 0.5
 _AHEAD = 240
 """Places of the way that are looked at ahead of where the robot was: 120 degrees of the fastest joint, which none
 passes between two looks."""
-_NEARLY = 0.99
+_NEARLY, _LAST = 0.99, 4
+"""A robot that stands at the end is seen within the last hundredth of its way, or at one of so many last places: the
+first of those that are near is taken, and a way of a small circle has but seventy."""
 
 Seen = Literal["nothing", "at_start", "driving", "ended", "stopped", "astray", "elsewhere"]
 """What is seen: a program is about to begin; it is driven; it has ended; it was stopped; the robot has left its way; or
@@ -130,7 +132,8 @@ class Watch:
             return "astray"
         # The first of the near places: where the way turns back, the same place comes again soon after.
         self._at += int((away <= away.min() + _STEP_DEG).argmax())
-        if self.share >= _NEARLY and self.stood_s >= _ENDED_S:
+        is_last = self.share >= _NEARLY or self._at > len(way.q_deg) - 1 - _LAST
+        if is_last and self.stood_s >= _ENDED_S:
             return "ended"
         if self._at > 0 and self.stood_s > 2 * way.longest_stand_s + _MORE_S:
             return "stopped"

@@ -136,15 +136,16 @@ class Simulated:
         pass
 
     def _run_of(self, program: Program) -> Path:
-        """A simulated run of a program, made once."""
+        """A simulated run of a program: each of its repeats is made once, with noise of its own."""
         is_corrected = program.name.endswith(FIXED) or bool(self.entered)
-        kept = self.directory.parent / ("corrected" if is_corrected else "nominal") / program.name
+        repeat = len(list((self.directory / "runs").glob(f"*_{program.name}*")))
+        kept = self.directory.parent / ("corrected" if is_corrected else "nominal") / str(repeat) / program.name
         if not kept.exists():
-            kept.parent.mkdir(exist_ok=True)
+            kept.parent.mkdir(parents=True, exist_ok=True)
             hidden = kept.parent / "hidden.yaml"
             hidden.write_text(yaml.safe_dump(CORRECTED if is_corrected else HIDDEN))
             cell = self.directory / "cells" / f"{program.stage}.yaml"
-            run = analysis.simulate(cell, program.test, program.direction, seed=3, effects=hidden)
+            run = analysis.simulate(cell, program.test, program.direction, seed=3 + repeat, effects=hidden)
             analysis.save_run(_named(run, program.name), kept)
         return kept
 

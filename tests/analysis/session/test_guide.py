@@ -137,10 +137,12 @@ def test_runs_of_others_are_left_alone(place: Path, tmp_path: Path) -> None:
     shutil.copytree(run, other)
     manifest = (other / "manifest.json").read_text().replace("p01-yaw-acw", "somebody")
     (other / "manifest.json").write_text(manifest)
+    copy = run.with_name("20270101T000002Z_copied")
+    shutil.copytree(run, copy)  # under the name of a program that is to be driven once more
     (place / "runs" / "20250101T000001Z_broken").mkdir()
     (place / "runs" / "20250101T000001Z_broken" / "manifest.json").write_text("{}")
     session = gone_on(place, driver, Oracle())
-    assert set(session.left_alone) == {other.name, "20250101T000001Z_broken"}
+    assert set(session.left_alone) == {other.name, copy.name, "20250101T000001Z_broken"}
     finished(session, place)
 
 

@@ -1,0 +1,58 @@
+"""Plays in a program: a link lags behind its joint by half its play, so the joint is commanded further by as much.
+
+A single target says nothing of where a joint comes from; a program does, so the side on which each link lies at each of
+its targets is known (as reversal compensation of a machine tool, ISO 230-1). While a joint turns back between two
+targets its link crosses the play on the way and not at once: that part stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.correction.support import supports
+from analysis.kinematics.arm import Array, Integers
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Path, driven, model_of
+from analysis.robot_programs.compensated import reached, targets_of
+from analysis.robot_programs.plan import Plan
+from rigs.effects import Effect
+from rigs.effects.backlash import Backlash
+from rigs.rig import Rig
+
+_BETWEEN = 16
+"""Places between two targets at which the turning of a joint is looked at."""
+_CERTAIN_U = 2.0
+"""A play that is less than this many of its standard uncertainty is not corrected: its width may as well be none."""
+
+
+def known_plays(rig: Rig) -> tuple[Effect, ...]:
+    """Return the plays of a rig file that are known well enough to be corrected in a program."""
+    unsure = {id(one.effect) for one in supports(rig) if one.value < _CERTAIN_U * one.u}
+    return tuple(effect for effect in rig.effects if isinstance(effect, Backlash) and id(effect) not in unsure)
+
+
+def ahead_of_plays(rig: Rig, plan: Plan) -> Array:
+    """Return by how much further (n, 6) rad the joints of a rig stand at the targets of a plan, in the order of
+    `targets_of`, so that their links stand at the targets in spite of the plays of the rig file."""
+    targets = targets_of(plan)
+    model = model_of(rig, known_plays(rig))
+    if not model.effects:
+        return np.zeros((len(targets), 6))
+    places = {id(target): number for number, target in enumerate(targets)}
+    visits = [places[id(target)] for target in reached(plan)]
+    q, rows = between([targets[number].q for number in 2 * visits])
+    motion = Motion(np.arange(len(q), dtype=float), q)
+    lag = (driven(model, Path(motion, rows)).link_q - q)[rows]
+    last = {number: row for row, number in enumerate(2 * visits)}
+    return -np.array([lag[last[number]] for number in range(len(targets))])
+
+
+def between(q: Sequence[Array]) -> tuple[Array, Integers]:
+    """Return joint angles (m, 6) rad on straight ways of the joints from one place q (6,) rad to the next, and which of
+    them are the places."""
+    share = np.arange(_BETWEEN) / _BETWEEN
+    ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
+    return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))
