@@ -90,13 +90,29 @@ def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
 def run_trial(trial: Trial, root: Path, aim: str) -> dict[str, Any]:
     """Run a session to its end in a process of its own, and say what came of it; one that was run is read again."""
     place = root / f"{trial.number:03d}"
-    if not (place / "came.json").exists():
-        _run(trial, place, aim)
-    came = place / "came.json"
+    request = json.dumps(_request(trial, place, aim))
+    came, kept = place / "came.json", place / "request.json"
+    if not (came.exists() and kept.read_text() == request):
+        _run(trial, place, request)
     return outcome(trial, place / "session", json.loads(came.read_text()) if came.exists() else {})
 
 
-def _run(trial: Trial, place: Path, aim: str) -> None:
+def _request(trial: Trial, place: Path, aim: str) -> dict[str, Any]:
+    return {
+        "rig": str(place / "cell.yaml"),
+        "directory": str(place / "session"),
+        "aim": aim,
+        "minutes": MINUTES,
+        "maker": trial.maker,
+        "effects": str(place / "hidden.yaml"),
+        "hidden": trial.effects,
+        "seed": trial.number,
+        "at_robot": trial.at_robot,
+        "at_computer": trial.at_computer,
+    }
+
+
+def _run(trial: Trial, place: Path, request: str) -> None:
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     _, text = load(trial.arm)
@@ -105,18 +121,7 @@ def _run(trial: Trial, place: Path, aim: str) -> None:
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 50}
     (place / "cell.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
     (place / "hidden.yaml").write_text(yaml.safe_dump({"effects": trial.effects, "eccentricity_mm": [0.5, -0.3, 0.1]}))
-    request = {
-        "rig": str(place / "cell.yaml"),
-        "directory": str(place / "session"),
-        "aim": aim,
-        "minutes": MINUTES,
-        "maker": trial.maker,
-        "effects": str(place / "hidden.yaml"),
-        "seed": trial.number,
-        "at_robot": trial.at_robot,
-        "at_computer": trial.at_computer,
-    }
-    (place / "request.json").write_text(json.dumps(request))
+    (place / "request.json").write_text(request)
     command = [sys.executable, str(Path(__file__).with_name("_troubled_session.py")), str(place / "request.json")]
     with (place / "log.txt").open("ab") as log, suppress(subprocess.TimeoutExpired):
         subprocess.run(command, stdout=log, stderr=log, timeout=LONGEST_S, check=False)
