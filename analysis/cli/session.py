@@ -136,7 +136,8 @@ def _show(place: Place, *, as_json: bool) -> None:
         say_json(_plain(found))
         return
     for line in status_lines(found, next_of(found), place.directory):
-        say(line)
+        for piece in _wrapped(line):
+            say(piece)
 
 
 class _Lines:

@@ -16,8 +16,10 @@ _PURPOSES = {
     "judge": "to judge by, used for nothing else",
     "verify": "after the correction",
 }
-_BAR = 20
+_BAR = 10
 _WIDTH = 34
+_LONGEST = 46
+"""Of the name and size of a part: with its figures and its bar it has room on a terminal of 80."""
 
 
 class Words:
@@ -101,11 +103,19 @@ def plan_lines(steps: list[Step]) -> Iterator[str]:
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
     """Yield the parts of the error, each with its share."""
-    for one in parts:
-        name = f"{one.part} {one.size}".strip()
-        name = name if len(name) <= _WIDTH else f"{name[: _WIDTH - 1]}…"
+    names = [_name_of(one) for one in parts]
+    width = max(map(len, names), default=0)
+    for one, name in zip(parts, names, strict=True):
         bar = "#" * round(_BAR * max(0.0, min(1.0, one.share)))
-        yield f"{name:{_WIDTH}} {100 * one.share:4.0f} % {one.um:7.1f} µm {bar}"
+        yield f"{name:{width}} {100 * one.share:4.0f} % {one.um:7.1f} µm {bar}".rstrip()
+
+
+def _name_of(part: PartOfError) -> str:
+    """The name of a part with its size, which is left out where there is no room: the headline has it."""
+    whole = f"{part.part} {part.size}".strip()
+    if len(whole) <= _LONGEST:
+        return whole
+    return part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
 
 
 def end_lines(session: Session, directory: Path) -> Iterator[str]:
@@ -154,7 +164,8 @@ def status_lines(session: Session, following: object, directory: Path) -> Iterat
     for number, step in enumerate(session.steps, start=1):
         yield f"{number:3} {step.program:{_WIDTH}} {_state_of(step)}"
     if session.answer:
-        yield f"{session.answer.runs} runs show: {session.answer.headline}"
+        shown = "" if session.report else f" {session.answer.headline}"  # which the end says as well
+        yield f"{session.answer.runs} runs show:{shown}"
         yield from (f"  {line}" for line in budget_lines(session.answer.parts))
     if session.report:
         yield from end_lines(session, directory)
