@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,7 +21,7 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 def import_(
     tables: Annotated[
         list[Path],
-        typer.Argument(metavar="TABLE…", help="CSV files with the columns of docs/tables.md, or MCAP bags of ROS 2."),
+        typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or MCAP bags of ROS 2: docs/tables.md."),
     ],
     rig_file: Annotated[
         str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")
@@ -43,9 +43,32 @@ def import_(
     joints: Annotated[
         JointSource, typer.Option(help="Joint angles to use: columns qN_deg, or qN_commanded_deg.")
     ] = "measured",
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="Map of the columns, as import proposes one; default: proposed where it is needed."),
+    ] = None,
+    join: Annotated[
+        str,
+        typer.Option(
+            metavar="rows|COLUMN",
+            help="The files are one measurement, joined row by row or by a column; default: a run of each file.",
+        ),
+    ] = "",
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes", help="Take the likeliest answer to what a table leaves open; each becomes a doubt of the run."
+        ),
+    ] = False,
 ) -> None:
-    """Create a run from each table of measurements; every bad row is reported with its line and the reason."""
+    """Create a run from each table of measurements; every bad row is reported with its line and the reason.
+
+    Poses may come as their instrument wrote them: a map of the columns is proposed, checked by
+    the arm of the rig file, shown, and kept in the run. What remains open is asked; without a
+    terminal the map is written for you to complete, and nothing is imported.
+    """
     from analysis import read_table, save_run  # noqa: PLC0415
+    from analysis.cli.import_map import mapped_run, needs_map  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
@@ -54,16 +77,19 @@ def import_(
     operator = operator_or_user(operator)
 
     def make_run(table: Path) -> None:
-        run = output / table.stem if len(tables) > 1 else output
+        files = tables if join else [table]
+        run = output / table.stem if len(tables) > 1 and not join else output
         if run.exists():
             raise FileError(str(run), "exists already", "give the run a directory of its own")
-        with progress_of(f"reading {table}"):
-            measured = read_table(
-                table, rig_file, test, direction, operator=operator, placement=placement, joints=joints
-            )
-            save_run(measured, run)
+        label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
+        if join or map_file or needs_map(table, test):
+            measured = mapped_run(files, rig_file, test, run, map_file=map_file, join=join, yes=yes, **label)
+        else:
+            with progress_of(f"reading {table}"):
+                measured = read_table(table, rig_file, test, **label)
+        save_run(measured, run)
         for doubt in measured.doubts:
             say(f"doubt: {doubt}", err=True)
         say(run)
 
-    for_each(tables, make_run)
+    for_each(tables[:1] if join else tables, make_run)

@@ -21,7 +21,7 @@ from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 
 JOINTS = "joints"
-_FEWEST = 12
+FEWEST = 12
 """Poses from which on a meaning is judged: nine unknowns, and as many readings again that are not fitted."""
 _SCREENED, _JUDGED = 80, 300
 """Poses by which meanings are screened, and by which the best few are judged; more would show no more."""
@@ -32,9 +32,9 @@ _KEPT = 0.8
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
 """Below a micrometre the labels are right: what is left are rounded digits, which any meaning may fit better."""
-_RIGHT_MM = 10.0
+RIGHT_MM = 10.0
 """An arm by its nominal constants errs by some mm; what leaves more is not right either."""
-_CLEARLY = 4.0
+CLEARLY = 4.0
 """Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
 unknown."""
 _AS_WELL = 1.5
@@ -80,7 +80,7 @@ def cannot_tell(table: Table, rig: Rig) -> str:
     """Why a table cannot show what its joint columns mean; empty where it can."""
     if isinstance(table, PoseTable):
         sound = int((table.xyz_mm != 0).any(axis=1).sum())
-        return "" if sound >= _FEWEST else f"{sound} poses are too few; {_FEWEST} are needed"
+        return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
     place = rig.tests.circle if isinstance(table, CircleTable) else rig.tests.hemisphere
     return "" if place else "the rig file does not say where the test was driven"
 
@@ -98,19 +98,19 @@ def _judged(table: Table, rig: Rig) -> _Verdict:
 
 def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> _Verdict:
     few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
-    as_labelled = _left_mm(many, bare, many.q, 100, with_turns=with_turns)
-    screened = sorted(meanings(), key=lambda one: _left_mm(few, bare, one.of(few.q), _STEPS, with_turns=with_turns))
+    as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
+    screened = sorted(meanings(), key=lambda one: left_mm(few, bare, one.of(few.q), _STEPS, with_turns=with_turns))
     values = int(3 * _KEPT * len(table.q)) - 9
     judged = [
-        _Judged(one, _left_mm(many, bare, one.of(many.q), 100, with_turns=with_turns), values)
+        _Judged(one, left_mm(many, bare, one.of(many.q), 100, with_turns=with_turns), values)
         for one in screened[:_BEST]
     ]
-    return _decided(judged, as_labelled, _RIGHT_MM)
+    return _decided(judged, as_labelled, RIGHT_MM)
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> _Verdict:
     first, *others = sorted(judged, key=lambda one: one.left_mm)
-    if first.left_mm > right_mm or as_labelled < _CLEARLY * first.left_mm:
+    if first.left_mm > right_mm or as_labelled < CLEARLY * first.left_mm:
         return None, as_labelled, []
     return first, as_labelled, [one for one in others if one.left_mm < _AS_WELL * first.left_mm]
 
@@ -123,7 +123,7 @@ def _some(table: PoseTable, rows: int) -> PoseTable:
     return PoseTable(table.q[chosen], table.xyz_mm[chosen], rpy)
 
 
-def _left_mm(table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool) -> float:
+def left_mm(table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool) -> float:
     """What the nearest poses leave, rms mm, with base and tool fitted to them, at joints q (n, 6) rad; with turns, each
     counts as a length beside it."""
     T = forward(bare, q)

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from analysis.conventions.check import doubts_of, refuse_impossible
-from analysis.files.read import read_file
+from analysis.files.map_proposal import Proposal, propose
+from analysis.files.mapped import table_by
+from analysis.files.mcap_messages import MAGIC
+from analysis.files.raw_table import is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
+from analysis.files.read import read_file, read_whole
+from analysis.files.sequence import check_sequence
+from analysis.files.table_map import TableMap, map_text
+from analysis.files.table_problems import Problems, TableFileError
 from analysis.measures.checks import hold_alive
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured, measured_of
-from analysis.traces.table_layout import JointSource
+from analysis.traces.table_layout import LAYOUTS, JointSource
 from analysis.traces.tables import CircleTable, PoseTable, Table
-from daq.store import table_run
+from daq.store import Run, table_run
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
@@ -47,10 +56,105 @@ def read_table(
         source_sha256=read.sha256,
         placement=placement,
     )
+    return _held(run, rig, str(source), read.doubts)
+
+
+def is_plain(path: Path, test: TestName) -> bool:
+    """Whether a file begins with the columns of docs/tables.md, or is a bag: it is read without a map."""
+    data = read_whole(path)
+    if data.startswith(MAGIC):
+        return True
+    names = {
+        name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
+    }
+    return len(names & set(LAYOUTS[test].required)) > 1
+
+
+def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "") -> Proposal:
+    """Propose the map of the files of one measurement of poses, held against the arm of a rig file.
+
+    Raises FileError where the files are no such table, or nothing in them fits the arm.
+    """
+    rig, _ = load(rig_file)
+    tables, layouts = [], []
+    for path in files:
+        data = read_whole(path)
+        sheet = ""
+        if is_workbook(data):
+            sheet, data = _only_sheet(sheets_of(data, str(path)), str(path))
+        lines, found = text_of(data, str(path))
+        layout = layout_of(lines, found.encoding, str(path)).model_copy(update={"sheet": sheet})
+        layouts.append(layout)
+        tables.append(read_raw(lines, layout, str(path)))
+    raw, _ = joined(tables, join)
+    return propose(raw, layouts, join, rig)
+
+
+def _only_sheet(sheets: dict[str, bytes], where: str) -> tuple[str, bytes]:
+    if len(sheets) != 1:
+        what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+        raise FileError(where, what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+    return next(iter(sheets.items()))
+
+
+def read_mapped(  # noqa: PLR0913 - what a run is labelled with
+    files: Sequence[Path],
+    table_map: TableMap,
+    *,
+    rig_file: str | Path,
+    test: TestName,
+    direction: Direction | None,
+    operator: str,
+    placement: str = "",
+    joints: JointSource = "measured",
+) -> Measured:
+    """The run of the files of one measurement by their map, not written; see `read_table`.
+
+    Raises FileError for mistakes in a file, in the map and in the rig file.
+    """
+    rig, rig_text = load(rig_file)
+    where = str(files[0])
+    if len(files) != len(table_map.files):
+        what = f"describes {len(table_map.files)} files, and {len(files)} are given"
+        raise FileError("the map", what, "give the files of one measurement, in its order; several are joined (--join)")
+    if joints == "commanded":
+        if table_map.commanded is None:
+            raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
+        table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
+    data = [read_whole(path) for path in files]
+    raw, left_out = read_files(list(zip(files, data, strict=True)), table_map.files, table_map.join)
+    table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
+    problems = Problems()
+    problems.add(
+        check_sequence(dict(zip(table.column_names, table.columns, strict=True)), raw.lines, test, rig, direction)
+    )
+    if problems.count:
+        raise TableFileError(where, problems.first, count=problems.count)
+    digests = [hashlib.sha256(one).hexdigest() for one in data]
+    run = table_run(
+        files[0],
+        table,
+        test=test,
+        direction=table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None,
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator=operator,
+        source=" + ".join(path.name for path in files),
+        source_sha256=digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest(),
+        placement=placement,
+        table_map=map_text(table_map),
+        assumed=table_map.assumed,
+    )
+    doubts = [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
+    return _held(run, rig, where, doubts)
+
+
+def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
+    """A run held against the rig, with what an evaluation will refuse among its doubts."""
     measured = measured_of(run, rig)
-    refuse_impossible(measured, str(source))
-    doubts = (*read.doubts, *_doubts(measured.table, rig, str(source)), *measured.doubts)
-    return replace(measured, doubts=doubts_of(replace(measured, doubts=doubts)))
+    refuse_impossible(measured, where)
+    known = (*doubts, *_doubts(measured.table, rig, where), *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=known)))
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:

@@ -59,7 +59,7 @@ def read_file(
     sets of columns are the robot's; the other is kept under a name that says what it is.
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
-    data = _bytes(path)
+    data = read_whole(path)
     text, doubts = _table_of_bag(data, str(path), test, rig) if data.startswith(MAGIC) else (data, ())
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
@@ -112,7 +112,8 @@ def _commanded(names: list[str], where: str) -> list[str]:
     return [other.get(name, name) for name in names]
 
 
-def _bytes(path: Path) -> bytes:
+def read_whole(path: Path) -> bytes:
+    """The bytes of a table file, bounded. Raises FileError for one that cannot be read or is too large."""
     try:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:

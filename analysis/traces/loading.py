@@ -200,6 +200,7 @@ def _doubts(run: Run) -> list[str]:
     if manifest.exit_status != "complete":
         found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
     found += _relabelled(manifest.relabelled)
+    found += manifest.table.assumed if manifest.table else ()
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         found.append("the rig file in its manifest has been changed since (SHA-256)")
     return found

@@ -38,12 +38,15 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     source: str,
     source_sha256: str,
     placement: str = "",
+    table_map: str = "",
+    assumed: tuple[str, ...] = (),
 ) -> Run:
     """The run of a table of double, int64 and string columns without nulls, as if it were in the directory `path`;
     nothing is written.
 
-    source, source_sha256: name and checksum of the file that the table was read from. The run's name is
-    that of its directory. Raises UseError for the name of an operator that no run may hold.
+    source, source_sha256: name and checksum of the file that the table was read from; table_map, assumed: the map by
+    which it was read, and what that takes for true. The run's name is that of its directory. Raises UseError for the
+    name of an operator that no run may hold.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -55,7 +58,9 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         operator=hold_operator(operator),
         placement=placement,
         streams={},
-        table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
+        table=ImportedTable.model_validate(
+            {"file": source, "sha256": source_sha256, "columns": columns, "map": table_map, "assumed": assumed}
+        ),
     )
     whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()
     manifest = opening.with_entries(_entries(whole, _parquet(opening, whole)))

@@ -69,12 +69,16 @@ class Chunk(Record):
 
 
 class ImportedTable(Record):
-    """The table that a run was imported from: its file, and its columns in order."""
+    """The table that a run was imported from: its file, or files with ` + ` between them, and its columns in order."""
 
     file: Text
     sha256: str
-    """SHA-256 of the file as it was read."""
+    """SHA-256 of the file as it was read; of several, that of theirs, one after the other."""
     columns: dict[str, ColumnType]
+    map: Text = Field(default="", max_length=100_000, exclude_if=lambda text: not text)
+    """The map by which it was read, as YAML; empty where its columns are those of docs/tables.md."""
+    assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
+    """What the map takes for true that nobody has confirmed, in words."""
 
 
 class Relabelling(Record):

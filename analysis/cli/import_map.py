@@ -1,0 +1,111 @@
+"""The map of a table that is not written in our columns: proposed, shown, asked about, and kept in the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.cli.console import say
+from analysis.cli.progress import progress_of
+from analysis.files.imports import is_plain, propose_map, read_mapped
+from analysis.files.map_proposal import Proposal, Question, Reading
+from analysis.files.table_map import TableMap, load_map, map_text, value_text
+from analysis.files.write import holding, write_new
+from analysis.traces.table_layout import JointSource
+from rigs.errors import FileError, UseError
+from rigs.schema.vocabulary import Direction, TestName
+
+if TYPE_CHECKING:
+    from analysis.traces.loading import Measured
+
+
+def needs_map(table: Path, test: TestName) -> bool:
+    """Return whether a file is no table of docs/tables.md and may be read by a map that is proposed."""
+    return test == "pose" and not is_plain(table, test)
+
+
+def mapped_run(
+    files: Sequence[Path],
+    rig_file: str,
+    test: TestName,
+    run: Path,
+    *,
+    map_file: Path | None,
+    join: str,
+    yes: bool,
+    direction: Direction | None,
+    operator: str,
+    placement: str,
+    joints: JointSource,
+) -> Measured:
+    """The run of the files of a measurement by a map: that of a file, or one that is proposed and completed here."""
+    if map_file:
+        table_map = load_map(map_file)
+        if join and join != table_map.join:
+            raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "leave it out")
+    elif test != "pose":
+        raise UseError("--join", f"needs a map of a {test} table", "write one and give it with --map (docs/tables.md)")
+    else:
+        table_map = _proposed(files, rig_file, join, run, yes=yes)
+    with progress_of(f"reading {files[0]}"):
+        return read_mapped(
+            files,
+            table_map,
+            rig_file=rig_file,
+            test=test,
+            direction=direction,
+            operator=operator,
+            placement=placement,
+            joints=joints,
+        )
+
+
+def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, yes: bool) -> TableMap:
+    from analysis.setup.dialogue import at_terminal  # noqa: PLC0415
+
+    with progress_of(f"reading {files[0]}"):
+        proposal = propose_map(files, rig_file, join)
+    for line in proposal.checked:
+        say(line, err=True)
+    if proposal.questions and not yes:
+        dialogue = at_terminal(lambda line: say(line, err=True), progress_of)
+        if not dialogue.terminal:
+            _refuse(proposal, run, files)
+        while proposal.questions:
+            question = proposal.questions[0]
+            chosen = dialogue.ask(_asked(question), "--map", _answer_of(question))
+            proposal = proposal.answered(question, chosen)
+    proposal = proposal.assumed()
+    say("read by this map, which the run keeps:", err=True)
+    for line in map_text(proposal.table_map).splitlines():
+        say(f"  {line}", err=True)
+    return proposal.table_map
+
+
+def _asked(question: Question) -> str:
+    lines = [f"{question.key}: {question.asks}"]
+    lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
+    return "\n".join([*lines, f"number, 1 to {len(question.readings)}"])
+
+
+def _answer_of(question: Question) -> Callable[[str], Reading]:
+    def read(text: str) -> Reading:
+        if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
+            raise UseError(question.key, f"{text!r} is no number of the list", f"give 1 to {len(question.readings)}")
+        return question.readings[int(text) - 1]
+
+    return read
+
+
+def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
+    """Write the map with its questions marked, and raise FileError: nobody is there to answer."""
+    path = Path(f"{run.name}.map.yaml")  # not beside the run, where every file is taken for one
+    choices = {
+        one.key: [one.asks, *(f"{value_text(reading.value)}  # {reading.line()}" for reading in one.readings)]
+        for one in proposal.questions
+    }
+    write_new(path, holding(map_text(proposal.table_map, choices).encode()))
+    open_keys = "; ".join(f"{one.key}: {one.asks}" for one in proposal.questions)
+    what = f"leaves open what only a person knows ({open_keys}), and there is no terminal to ask at"
+    raise FileError(str(files[0]), what, f"write the answer in place of the ? in {path}, and give it with --map")

@@ -1,0 +1,364 @@
+"""What the columns of a table may be, by their names alone: joints, places, turns, and whether measured or commanded.
+
+Nothing is decided here: what names leave open, the arm's own kinematics tell (`analysis.files.map_proposal`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Literal
+
+from analysis.files.raw_table import RawTable
+
+Role = Literal["measured", "commanded", "residual", "other", "unsaid"]
+_ROLE_WORDS: dict[Role, str] = {
+    "other": "std stdev sd sigma u unc uncertainty cov var rms speed speeds vel velocity velocities qd qdd acc current "
+    "acceleration accelerations currents torque torques effort force forces moment moments temp temperature tau",
+    "residual": "dif diff difference err error errors dev deviation residual res delta",
+    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference set soll planned 名义",
+    "measured": "measured measurement meas actual act tracker leica laser faro ist observed mocap camera 测量",
+}
+_INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
+_INSTRUMENT = frozenset(_INSTRUMENTS.split())
+_CONTROLLER = frozenset(["tcp", "tool", "ee", "eef", "flange", "robot", "cartesian", "controller", "fk"])
+"""Words of a pose that the robot says of itself, unless an instrument is named beside them."""
+_ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
+_UNITS = {
+    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
+    "µm": "um", "in": "in", "inch": "in", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad",
+    "radian": "rad", "radians": "rad",
+}  # fmt: skip
+_JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles"
+_JOINT_WORDS = frozenset(_JOINTS.split())
+_TURNS = "r rot rotation orientation euler angle angles rotvec rv e o ori quat quaternion q rpy"
+_TURN_WORDS = frozenset(_TURNS.split())
+_SETS = {"rpy": ("roll", "pitch", "yaw"), "abc": ("a", "b", "c"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
+"""Names of three angles: of everybody, KUKA, FANUC and Kawasaki."""
+_UR_NAMES = (
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
+)
+_ORDERS = tuple("".join(order) for order in permutations("xyz"))
+_ZYZ = ("zyz", "zxz")
+
+
+@dataclass(frozen=True)
+class TurnReading:
+    """One way to read columns as a turn, columns in the order of the form (`analysis.files.table_map.Turn`)."""
+
+    columns: tuple[str, ...]
+    form: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that belong together. unit: as the file states it, "" where it does not; of_controller: whether the robot
+    may have computed them."""
+
+    columns: tuple[str, ...]
+    role: Role
+    unit: str = ""
+    of_controller: bool = False
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A place and the ways to read the turn beside it, none where there are no columns of one; turn_unit: stated."""
+
+    place: Group
+    turns: tuple[TurnReading, ...] = ()
+    turn_unit: str = ""
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What a table may hold. near: columns of joints of another number of axes, for a message."""
+
+    joints: tuple[Group, ...]
+    seen: tuple[Seen, ...]
+    residuals: tuple[Group, ...]
+    near: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A column's name in words, without its unit."""
+
+    column: str
+    words: tuple[str, ...]
+    unit: str
+
+    @property
+    def role(self) -> Role:
+        """What the words say of it."""
+        return next((role for role, known in _ROLES.items() if known & set(self.words)), "unsaid")
+
+
+def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
+    """Return what the columns of a table may be for an arm with these names of axes."""
+    numeric = set(raw.numeric)
+    names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
+    names = [one for one in names if one.role != "other"]
+    axes = len(axis_names)
+    joints = [*_numbered(names, axes), *_called(names, axis_names)]
+    near = tuple(name for count in (5, 7, 8) for group in _numbered(names, count) for name in group.columns)
+    if not joints and not near:
+        joints = _with_word(names, axes)
+    taken = {column for group in joints for column in group.columns}
+    rest = [one for one in names if one.column not in taken]
+    places, turns = _lettered(rest)
+    seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(rest))
+    residuals = tuple(place for place in places if place.role == "residual")
+    used = taken | {column for one in seen for column in one.place.columns} | {c for g in residuals for c in g.columns}
+    used |= {column for turn in turns for reading in turn[1] for column in reading.columns}
+    if not joints or not seen:
+        left = [one.column for one in names if one.column not in used]
+        more_joints, more_seen = _by_position(raw, left, axes, not joints, not seen)
+        joints, seen = [*joints, *more_joints], [*seen, *more_seen]
+    return Groups(tuple(joints), tuple(seen), residuals, near)
+
+
+def _name(column: str, unit_line: str) -> _Name:
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
+    bracket = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", text)
+    unit = ""
+    if bracket and bracket[1].lower() in _UNITS:
+        unit = _UNITS[bracket[1].lower()]
+        text = text.replace(bracket[0], " ")
+    words = re.findall(r"[^\W\d_]+|°|\d+", text.lower())
+    if not unit and len(words) > 1 and words[-1] in _UNITS:
+        unit = _UNITS[words.pop()]
+    stated = unit_line.strip("[]() ").lower()
+    return _Name(column, tuple(words), unit or _UNITS.get(stated, ""))
+
+
+def _group(names: Sequence[_Name]) -> Group:
+    units = {one.unit for one in names}
+    words = {word for one in names for word in one.words}
+    own = bool(words & _CONTROLLER) and not words & _INSTRUMENT
+    return Group(tuple(one.column for one in names), names[0].role, units.pop() if len(units) == 1 else "", own)
+
+
+def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
+    """Numbered columns by what is the same in their names, the last number left out."""
+    found: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
+    for one in names:
+        digits = [k for k, word in enumerate(one.words) if word.isdigit() and len(word) < 3]
+        if digits:
+            k = digits[-1]
+            found[(*one.words[:k], "*", *one.words[k + 1 :])].setdefault(int(one.words[k]), one)
+    return found
+
+
+def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
+    for first in (0, 1):
+        if sorted(numbered) == list(range(first, first + count)):
+            return [numbered[k] for k in sorted(numbered)]
+    return None
+
+
+def _numbered(names: Sequence[_Name], count: int) -> list[Group]:
+    found = []
+    for template, numbered in _templates(names).items():
+        words = {word for word in template if word != "*"}
+        order = _in_order(numbered, count)
+        if order and words & _JOINT_WORDS and not words & {"pose", "tcp"}:
+            found.append(_group(order))
+    return found
+
+
+def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
+    """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm."""
+    found = []
+    wanted = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
+    wanted += [one for one in _UR_NAMES if len(one) == len(axis_names)]
+    for calls in dict.fromkeys(wanted):
+        by_role: dict[Role, dict[str, _Name]] = defaultdict(dict)
+        for one in names:
+            known = set().union(*_ROLES.values()) | {"joint", "angle", "q", "position", "pos"}
+            by_role[one.role].setdefault("".join(word for word in one.words if word not in known), one)
+        for call in by_role.values():
+            if all(name in call for name in calls) and len(set(calls)) == len(calls):
+                found.append(_group([call[name] for name in calls]))
+    return list({group.columns: group for group in found}.values())
+
+
+def _with_word(names: Sequence[_Name], axes: int) -> list[Group]:
+    by_role: dict[Role, list[_Name]] = defaultdict(list)
+    for one in names:
+        if {"joint", "axis"} & set(one.words):
+            by_role[one.role].append(one)
+    return [_group(ones) for ones in by_role.values() if len(ones) == axes]
+
+
+_Turns = list[tuple[Group, tuple[TurnReading, ...]]]
+"""Columns of a turn, and the ways to read them."""
+
+
+def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
+    """Places and turns whose columns differ by a letter or word: x, y, z; qx … qw; roll, pitch, yaw; A, B, C."""
+    turns = _in_sets(names)
+    taken = {column for group, _ in turns for column in group.columns}
+    places = []
+    for template, found in _by_letter(names).items():
+        ones = [found[letter] for letter in "xyz"]
+        w = found.get("w")
+        if w and w.column not in taken:
+            columns = tuple(one.column for one in (*ones, w))
+            turns.append((_group(ones), (TurnReading(columns, "quaternion"),)))
+        elif {word.rstrip("*") for word in template} & _TURN_WORDS:
+            turns.append((_group(ones), _angle_readings(ones)))
+        else:
+            places.append(_group(ones))
+    return places, [*turns, *_quaternions(names), *_matrices(names)]
+
+
+def _by_letter(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[str, _Name]]:
+    """Columns x, y, z, and w where there is one, by what is the same in their names."""
+    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for one in names:
+        for k, word in enumerate(one.words):
+            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
+                parts[(*one.words[:k], f"{word[:-1]}*", *one.words[k + 1 :])].setdefault(word[-1], one)
+    return {template: found for template, found in parts.items() if set("xyz") <= found.keys()}
+
+
+def _in_sets(names: Sequence[_Name]) -> _Turns:
+    """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T."""
+    sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for one in names:
+        for k, word in enumerate(one.words):
+            for call, members in _SETS.items():
+                if word in members:
+                    sets[(call, *one.words[:k], "*", *one.words[k + 1 :])].setdefault(word, one)
+    whole = {key: [found[word] for word in _SETS[key[0]]] for key, found in sets.items() if len(found) == 3}
+    return [(_group(ones), _set_readings(key[0], ones)) for key, ones in whole.items()]
+
+
+def _quaternions(names: Sequence[_Name]) -> _Turns:
+    """Turns by q1 … q4, of which the first or the last is the real part."""
+    found: _Turns = []
+    for template, numbered in _templates(names).items():
+        order = _in_order(numbered, 4)
+        if order and {"q", "quat", "quaternion"} & set(template):
+            first, *others = (one.column for one in order)
+            columns = ((*others, first), (first, *others))
+            found.append((_group(order), tuple(TurnReading(one, "quaternion") for one in columns)))
+    return found
+
+
+def _set_readings(call: str, ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
+    """KUKA's A, B, C turn about z, y, x; Kawasaki's O, A, T about z, y, z; everybody else's about x, y, z."""
+    if call == "oat":
+        return (TurnReading(tuple(one.column for one in ones), "moving zyz"),)
+    readings = _angle_readings(ones)
+    if call == "abc":
+        return (*_angle_readings(ones[::-1]), *readings)
+    return readings
+
+
+def _angle_readings(ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
+    """Three angles about x, y and z, in every order of moving axes, and as a rotation vector."""
+    by_axis = {axis: one.column for axis, one in zip("xyz", ones, strict=True)}
+    found = []
+    for order in _ORDERS:
+        if order == "zyx":  # in the words of everybody: roll, pitch, yaw about fixed axes
+            found.append(TurnReading(tuple(by_axis[axis] for axis in "xyz"), "fixed xyz"))
+        else:
+            found.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
+    return (*found, TurnReading(tuple(one.column for one in ones), "rotation vector"))
+
+
+def _matrices(names: Sequence[_Name]) -> _Turns:
+    """The nine columns of a rotation, r11 … r33 or r_0_0 … r_2_2, row by row."""
+    by_place = {}
+    for one in names:
+        digits = "".join(word for word in one.words if word.isdigit())
+        if len(digits) == 2 and {"r", "rot", "m", "t", "matrix", "rotation"} & set(one.words):
+            by_place[digits] = one
+    for first in (0, 1):
+        wanted = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
+        if set(wanted) <= by_place.keys():
+            ones = [by_place[place] for place in wanted]
+            return [(_group(ones), (TurnReading(tuple(one.column for one in ones), "matrix"),))]
+    return []
+
+
+def _beside(place: Group, turns: _Turns) -> Seen:
+    """A place with the turn of the same role, or the only one."""
+    same = [turn for turn in turns if turn[0].role == place.role]
+    if not same:
+        return Seen(place)
+    readings = tuple(reading for _, found in same for reading in found)
+    units = {group.unit for group, _ in same}
+    return Seen(place, readings, units.pop() if len(units) == 1 else "")
+
+
+def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
+    """Poses numbered through: of 6 (place and angles), 7 (place and quaternion), 12 or 16 numbers (a matrix)."""
+    for numbered in _templates(names).values():
+        for count in (6, 7, 12, 16):
+            if order := _in_order(numbered, count):
+                like = _group(order)
+                for one in _poses([name.column for name in order]):
+                    yield replace(one, place=replace(like, columns=one.place.columns, unit=""))
+    matrix: dict[str, _Name] = {}
+    for one in names:
+        digits = "".join(word for word in one.words if word.isdigit())
+        if len(digits) == 2:
+            matrix[digits] = one
+    for first in (0, 1):
+        rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
+        if all(place in matrix for row in rows for place in row):
+            turn = tuple(matrix[row[k]].column for row in rows for k in range(3))
+            yield Seen(_group([matrix[row[3]] for row in rows]), (TurnReading(turn, "matrix"),))
+
+
+def _poses(columns: Sequence[str]) -> Iterator[Seen]:
+    """The ways to read so many columns in a row as a pose."""
+    c = list(columns)
+    match len(c):
+        case 3:
+            yield Seen(Group(tuple(c), "unsaid"))
+        case 6:
+            yield Seen(Group(tuple(c[:3]), "unsaid"), _any_angles(c[3:]))
+        case 7:
+            x, y, z, w = c[3:]
+            turns = (TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
+            yield Seen(Group(tuple(c[:3]), "unsaid"), turns)
+        case 12 | 16:
+            rows = [0, 1, 2, 4, 5, 6, 8, 9, 10]
+            yield Seen(Group((c[3], c[7], c[11]), "unsaid"), (TurnReading(tuple(c[k] for k in rows), "matrix"),))
+            if len(c) == 16:
+                down = [0, 4, 8, 1, 5, 9, 2, 6, 10]
+                yield Seen(Group(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),))
+            else:
+                yield Seen(Group(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
+
+
+def _any_angles(columns: Sequence[str]) -> tuple[TurnReading, ...]:
+    """Three angles of which no name says the axes."""
+    own = _angle_readings([_Name(column, (), "") for column in columns])
+    turned = [TurnReading(tuple(columns), f"moving {order}") for order in (*_ORDERS, *_ZYZ)]
+    return tuple(dict.fromkeys((*own, *turned)))
+
+
+def _by_position(
+    raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
+) -> tuple[list[Group], list[Seen]]:
+    """Columns that no name explains, by how many there are: joints before the pose, or behind it."""
+    if columns and columns[0] == raw.names[0] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17):
+        columns = columns[1:]  # a count, or a time
+    pose = len(columns) - axes if joints else len(columns)
+    if not joints:
+        return [], list(_poses(columns))
+    if not seen or pose == 0:
+        return [Group(tuple(columns), "unsaid")] if pose == 0 else [], []
+    if pose not in (3, 6, 7, 12, 16):
+        return [], []
+    groups = [Group(tuple(columns[:axes]), "unsaid"), Group(tuple(columns[pose:]), "unsaid")]
+    return groups, [*_poses(columns[axes:]), *_poses(columns[:pose])]

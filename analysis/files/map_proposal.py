@@ -1,0 +1,373 @@
+"""A map proposed from the header and the data of a table, and checked by the arm.
+
+The nominal arm's flanges are fitted to the places, base and target free. A wrong unit leaves metres or decimetres, the
+right one the errors of an arm by its nominal constants, some mm. The turns are then held against the arm's, the tool's
+turn free. A reading is taken where it fits, and the second best clearly does not; anything else is a question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
+from analysis.files.column_groups import Group, Groups, Seen, groups_of
+from analysis.files.mapped import MappedPoses, poses_of
+from analysis.files.raw_table import RawTable
+from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
+from analysis.files.table_problems import TableFileError
+from analysis.geometry.pose_setup import fit_setup
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.traces.tables import PoseTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_JUDGED = 200
+"""Rows that judge a reading, evenly chosen; more would show no more."""
+_SCREEN_STEPS, _STEPS = 12, 100
+_KEPT = 0.8
+_RIGHT_DEG = 2.0
+"""The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
+_COMPUTED_MM = 0.1
+"""No arm stands by its nominal constants so near: such places were computed by the controller, or simulated."""
+_FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
+"""Below this a fit is as good as it can be: digits and noise."""
+_SHOWN = 6
+_ANGLES = ("deg", "rad")
+_LENGTHS = ("mm", "m", "in", "cm")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read a part of the table, and what it leaves: rms of the nearest four fifths, in mm or degrees."""
+
+    value: Any
+    left: float
+    unit: str
+    words: str
+
+    def line(self, next_best: Reading | None = None) -> str:
+        """The reading and what it leaves, for a person, and the next best beside it."""
+        text = f"{self.words}{self._leaves()}"
+        return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
+
+    def _leaves(self) -> str:
+        return "" if np.isnan(self.left) else f": leaves {self.left:.3g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the data do not tell: a key of the map, and its possible values, the likeliest first."""
+
+    key: str
+    asks: str
+    readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A map, what is open in it, and what was held against the arm, in lines. Where a question is open the map has its
+    likeliest answer."""
+
+    table_map: TableMap
+    questions: tuple[Question, ...]
+    checked: tuple[str, ...]
+    rows: int
+
+    def answered(self, question: Question, reading: Reading) -> Proposal:
+        """The proposal with an answer to a question."""
+        other = tuple(one for one in self.questions if one is not question)
+        return replace(self, table_map=self.table_map.model_copy(update={question.key: reading.value}), questions=other)
+
+    def assumed(self) -> Proposal:
+        """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
+        words = [f"{one.key}: {one.readings[0].words} was assumed, nobody has confirmed it" for one in self.questions]
+        held = (*self.table_map.assumed, *words)
+        return replace(self, table_map=self.table_map.model_copy(update={"assumed": held}), questions=())
+
+
+@dataclass
+class _Judge:
+    """The rows and the bare arm by which readings are judged."""
+
+    raw: RawTable
+    bare: Arm
+    layouts: tuple[Layout, ...]
+    join: str
+    checked: list[str] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+
+    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **more: Any) -> TableMap:
+        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **more)
+
+    def left_mm(self, table_map: TableMap, steps: int = _STEPS) -> float:
+        try:
+            poses = poses_of(self.raw, table_map)
+        except TableFileError:
+            return np.inf
+        table = PoseTable(poses.q, poses.xyz_mm, None)
+        if np.abs(table.xyz_mm).max() > 1e6 or not (table.xyz_mm != 0).any():
+            return np.inf
+        sound = (table.xyz_mm != 0).any(axis=1)
+        table = PoseTable(table.q[sound], table.xyz_mm[sound], None)
+        return left_mm(table, self.bare, table.q, steps, with_turns=False)
+
+
+def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:
+    """Propose the map of a table of poses for the arm of a rig.
+
+    Raises FileError where there are no columns of joints or places, or no reading of them fits the arm.
+    """
+    names = [axis.name for axis in rig.robot.axes]
+    groups = groups_of(raw, names)
+    _refuse_missing(raw, groups, len(names))
+    bare = replace(arm_of(rig.robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
+    if len(raw.lines) < FEWEST:
+        what = f"has {len(raw.lines)} poses, too few for the arm to tell what its columns mean ({FEWEST} are needed)"
+        raise FileError(raw.where, what, "write the map by hand, and give it with --map")
+    joints, commanded = _of_role(groups.joints)
+    seen, residual = _places(groups)
+    table_map, chosen = _placed(judge, joints, seen, residual)
+    if commanded and table_map.joints and len(commanded) == 1:
+        unit: Any = commanded[0].unit or table_map.joints.unit
+        table_map = table_map.model_copy(update={"commanded": Angles(columns=commanded[0].columns, unit=unit)})
+    if chosen.turns and table_map.turn is None:
+        table_map = _turned(judge, table_map, chosen)
+    if residual and table_map.residual:
+        _ask_sign(judge, table_map.residual)
+    if judge.assumed:
+        table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
+    return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+
+
+def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
+    has = f"its columns of numbers are {', '.join(raw.numeric[:20])}"
+    if not groups.joints:
+        if groups.near:
+            there = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
+            what = f"has {there}, the arm of the rig file {axes} axes"
+            raise FileError(raw.where, what, "give the rig file of the arm that was measured")
+        what = f"has no {axes} columns that may be joints; {has}"
+        remedy = "add the joint angles of each pose (several files: --join), or name them in a map (--map)"
+        raise FileError(raw.where, what, remedy)
+    if not any(one.place.role != "commanded" for one in groups.seen) and not (groups.seen and groups.residuals):
+        there = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
+        what = f"has {there}, so nothing that was measured; {has}"
+        raise FileError(raw.where, what, "name the measured ones in a map (--map)")
+
+
+def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
+    """Joints to read, and those that were commanded beside them."""
+    measured = [one for one in groups if one.role == "measured"] or [one for one in groups if one.role == "unsaid"]
+    commanded = [one for one in groups if one.role == "commanded"]
+    return (measured, commanded) if measured else (commanded, [])
+
+
+def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
+    """Places to read, and the residual beside them where no column holds what was measured."""
+    measured = [one for one in groups.seen if one.place.role == "measured"]
+    unsaid = [one for one in groups.seen if one.place.role == "unsaid"]
+    commanded = [one for one in groups.seen if one.place.role == "commanded"]
+    if measured:
+        return measured, None
+    if len(groups.residuals) == 1 and len(commanded or unsaid) == 1:
+        return commanded or unsaid, groups.residuals[0]
+    return unsaid, None
+
+
+def _placed(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None
+) -> tuple[TableMap, Seen]:
+    """The map of joints and place, and the place that it is of; what remains open is a question of the judge."""
+    found = _readings(judge, joints, seen, residual, stated=True)
+    overruled = None
+    if found[0][0].left > RIGHT_MM:
+        other = _readings(judge, joints, seen, residual, stated=False)
+        if other[0][0].left <= RIGHT_MM:
+            overruled, found = found[0], other
+        else:
+            found = sorted([*_from_tool(judge, joints, seen), *found], key=lambda one: one[0].left)
+    (best, chosen), *others = found
+    judge.checked.append(best.line(others[0][0] if others else None))
+    if best.left > RIGHT_MM:
+        what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
+        remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
+        raise FileError(judge.raw.where, what, remedy)
+    if overruled:
+        _ask(judge, [found[0], overruled], "its header says otherwise, which does not fit the arm; which is it?")
+    rivals = [one for one in others if one[0].left < CLEARLY * max(best.left, _FLOOR_MM)]
+    _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
+    if chosen.place.of_controller:
+        by_robot = Reading(None, np.nan, "mm", "the robot computed it, so nothing was measured: import nothing")
+        measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
+        asks = f"{_short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
+        judge.questions.append(Question("place", asks, (by_robot, measured)))
+    elif residual is None and best.left < _COMPUTED_MM:
+        judge.assumed.append(
+            f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
+            "computed by the controller, or simulated"
+        )
+    table_map: TableMap = best.value
+    return table_map, chosen
+
+
+def _ask(judge: _Judge, found: Sequence[tuple[Reading, Seen]], asks: str) -> None:
+    """A question for each of joints and place that differs in readings, the likeliest first."""
+    for key in ("joints", "place", "turn", "sees"):
+        readings = _of_key(key, found)
+        if len(readings) > 1:
+            judge.questions.append(Question(key, asks, readings))
+
+
+def _of_key(key: str, found: Iterable[tuple[Reading, Seen]]) -> tuple[Reading, ...]:
+    """The different values of a key in readings, each with what its best leaves."""
+    values: dict[str, Reading] = {}
+    for reading, _ in found:
+        value = getattr(reading.value, key)
+        values.setdefault(repr(value), replace(reading, value=value))
+    return tuple(values.values())[:_SHOWN]
+
+
+def _readings(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None, *, stated: bool
+) -> list[tuple[Reading, Seen]]:
+    """Every way to read joints and place, the best first. stated: units that the file states are taken for true."""
+    found = []
+    for group, one in product(joints, seen):
+        if set(group.columns) & set(one.place.columns):
+            continue
+        angles = _units(group.unit if stated else "", _ANGLES)
+        for angle, length in product(angles, _units(one.place.unit if stated else "", _LENGTHS)):
+            beside = None
+            if residual:
+                (unit, *_) = _units(residual.unit if stated else "", (length,))
+                beside = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
+            columns = one.place.columns
+            table_map = judge.map_of(
+                Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside
+            )
+            words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
+            found.append((Reading(table_map, judge.left_mm(table_map, _SCREEN_STEPS), "mm", words), one))
+    return _judged(judge, found)
+
+
+def _judged(judge: _Judge, found: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
+    """The readings in order, the best few fitted to the end."""
+    found.sort(key=lambda one: one[0].left)
+    best = [(replace(reading, left=judge.left_mm(reading.value)), one) for reading, one in found[:_SHOWN]]
+    return sorted(best, key=lambda one: one[0].left) + found[_SHOWN:]
+
+
+def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
+    """Readings of an instrument on the tool that sees what stands in the cell: of a camera, hand-eye pairs."""
+    found = []
+    for group, one in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(one.place.unit, ("mm", "m"))):
+            for turn in _turns(one):
+                columns = one.place.columns
+                table_map = judge.map_of(
+                    Angles(columns=group.columns, unit=angle),
+                    Lengths(columns=columns, unit=length),
+                    turn=turn,
+                    sees="from the tool",
+                )
+                words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
+                words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
+                found.append((Reading(table_map, judge.left_mm(table_map, _SCREEN_STEPS), "mm", words), one))
+    return _judged(judge, found)
+
+
+def _units(stated: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The unit that the file states, where there is such a one, or all that are known."""
+    return (stated,) if stated in (*_ANGLES, *TO_MM) else known
+
+
+def _turns(seen: Seen) -> list[Turn]:
+    found = []
+    for reading in seen.turns:
+        if reading.form in ("quaternion", "matrix"):
+            found.append(Turn(columns=reading.columns, form=reading.form))
+        else:
+            for unit in _units(seen.turn_unit, ("deg", "rad")):
+                found.append(Turn(columns=reading.columns, form=reading.form, unit=unit))
+    return found
+
+
+def _turn_words(turn: Turn) -> str:
+    what = f"{turn.form} {_short(turn.columns)}"
+    return f"{what} in {turn.unit}" if turn.unit else what
+
+
+def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
+    """The map with the turn that fits; where none does, or more than one, that is a question."""
+    base = poses_of(judge.raw, table_map)
+    T = forward(judge.bare, base.q)
+    setup = fit_setup(T, base.xyz_mm)
+    R_base = setup.T_world_base[:3, :3]
+    found = []
+    for turn in _turns(seen):
+        try:
+            poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
+        except TableFileError:
+            continue
+        found.append(Reading(turn, _left_deg(T, R_base, poses), "°", f"turn as {_turn_words(turn)}"))
+    found.sort(key=lambda one: one.left)
+    found = _distinct(judge, table_map, found)
+    if not found:
+        return table_map
+    best, *others = found
+    judge.checked.append(best.line(others[0] if others else None))
+    none = Reading(None, np.nan, "°", "no turn: places alone are imported")
+    rivals = [one for one in others if one.left < CLEARLY * max(best.left, _FLOOR_DEG)]
+    if best.left > _RIGHT_DEG:
+        asks = f"no reading of the turn fits the arm within {_RIGHT_DEG:g}°; leave it out, or take which?"
+        judge.questions.append(Question("turn", asks, (none, *found[:_SHOWN])))
+        return table_map
+    if rivals:
+        asks = "more than one reading of the turn fits the arm; which is it?"
+        judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
+    return table_map.model_copy(update={"turn": best.value})
+
+
+def _distinct(judge: _Judge, table_map: TableMap, found: Sequence[Reading]) -> list[Reading]:
+    """Readings without those that turn every row as a better one does."""
+    kept: list[tuple[Reading, Any]] = []
+    for reading in found:
+        turn = poses_of(judge.raw, table_map.model_copy(update={"turn": reading.value})).turn
+        if turn is not None and all((turn * one.inv()).magnitude().max() > 1e-6 for _, one in kept):
+            kept.append((reading, turn))
+    return [reading for reading, _ in kept]
+
+
+def _left_deg(T: Array, R_base: Array, poses: MappedPoses) -> float:
+    """What the nearest turns leave, rms in degrees, with the tool's turn on the flange fitted to them."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    assert poses.turn is not None  # noqa: S101 - of readings with a turn
+    arm = Rotation.from_matrix(T[:, :3, :3])
+    tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
+    kept, off = np.arange(len(T)), np.zeros(len(T))
+    for _ in range(3):
+        off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
+        kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
+    return float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
+
+
+def _ask_sign(judge: _Judge, residual: Residual) -> None:
+    """Both signs of a residual fit an arm equally: its errors would only be mirrored."""
+    meanings = ("target - measured", "measured - target")
+    values = [residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
+    words = [f"{_short(residual.columns)} is {meaning}" for meaning in meanings]
+    readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
+    asks = "the file does not say what its residual is, and both fit the arm"
+    judge.questions.append(Question("residual", asks, readings))
+
+
+def _short(columns: Sequence[str]) -> str:
+    return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"

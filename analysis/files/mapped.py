@@ -1,0 +1,182 @@
+"""A table by its map: columns of the file become those of docs/tables.md, in degrees, mm and seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.files.cells import value
+from analysis.files.raw_table import RawTable
+from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
+from analysis.files.table_problems import Problems, TableFileError, TableProblem
+from analysis.kinematics.arm import Array
+from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS
+from analysis.traces.tables import PoseTable
+from daq.store.schema import table_schema
+from rigs.errors import FileError, UseError
+from rigs.schema.vocabulary import Direction, TestName
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+_UNIT_WITHIN = 0.01
+"""How far a quaternion's length, or a matrix times its transpose, may be from one: rounded digits, and no more."""
+Columns = dict[str, pa.Array | pa.ChunkedArray]
+
+
+@dataclass(frozen=True)
+class MappedPoses:
+    """Poses by a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), turns, the last three None without."""
+
+    q: Array
+    xyz_mm: Array
+    turn: Rotation | None
+    commanded: Array | None
+
+    def table(self) -> PoseTable:
+        """The poses as they are evaluated."""
+        return PoseTable(self.q, self.xyz_mm, None if self.turn is None else self.turn.as_euler("xyz"))
+
+
+def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
+    """The poses of a table by its map. Raises TableFileError for every bad cell, FileError for what the map lacks."""
+    problems = Problems()
+    if table_map.joints is None or table_map.place is None:
+        what = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
+        raise FileError("the map", what, "add its columns and their unit")
+    q = _radians(raw, table_map.joints, problems)
+    commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
+    xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
+    if residual := table_map.residual:
+        sign = 1.0 if residual.meaning == "measured - target" else -1.0
+        xyz = xyz + sign * raw.numbers(residual.columns, problems) * TO_MM[residual.unit]
+    turn = turn_of(raw, table_map.turn, problems) if table_map.turn else None
+    if problems.count:
+        raise TableFileError(raw.where, problems.first, count=problems.count)
+    if table_map.sees == "from the tool":
+        if turn is None:
+            raise FileError("the map", "sees from the tool and states no turn", "add it, or `sees: the tool`")
+        turn = turn.inv()
+        xyz = -turn.apply(xyz)
+    return MappedPoses(q, xyz, turn, commanded)
+
+
+def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
+    """The turns of a table by its map; what is none becomes a problem."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    values = raw.numbers(turn.columns, problems)
+    if turn.form == "quaternion":
+        off = np.abs(np.linalg.norm(values, axis=1) - 1)
+    elif turn.form == "matrix":
+        R = values.reshape(-1, 3, 3)
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        off[np.linalg.det(R) < 0] = np.inf
+    else:
+        off = np.zeros(len(values))
+    for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
+        what = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
+        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], what)])
+    values = np.where((np.isfinite(values).all(axis=1) & ~(off > _UNIT_WITHIN))[:, None], values, _none(turn))
+    if turn.form == "quaternion":
+        return Rotation.from_quat(values)
+    if turn.form == "matrix":
+        return Rotation.from_matrix(values.reshape(-1, 3, 3))
+    degrees = turn.unit == "deg"
+    if turn.form == "rotation vector":
+        return Rotation.from_rotvec(values, degrees=degrees)
+    way, order = turn.form.split()
+    return Rotation.from_euler(order.upper() if way == "moving" else order, values, degrees=degrees)
+
+
+def _none(turn: Turn) -> Array:
+    """The values of no turn, which stand in for those that are none until they are reported."""
+    if turn.form == "quaternion":
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
+
+
+def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
+    values = raw.numbers(angles.columns, problems)
+    return np.radians(values) if angles.unit == "deg" else values
+
+
+def table_by(
+    raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
+) -> pa.Table:
+    """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
+    named = _poses(raw, table_map, axes) if test == "pose" else _named(raw, table_map, test, direction)
+    used = set(table_map.used())
+    for name in raw.names:
+        if name not in used:
+            named[name if name not in named else f"{name} (file)"] = raw.cells[name]
+    types = {name: str(column.type) for name, column in named.items()}
+    return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
+
+
+def _poses(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
+    for part in filter(None, (table_map.joints, table_map.commanded)):
+        if len(part.columns) != axes:
+            what = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+            raise FileError("the map", what, "name a column for each axis, in order, or give the rig file of that arm")
+    poses = poses_of(raw, table_map)
+    named: Columns = _columns("q{}_deg", np.degrees(poses.q))
+    named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
+    if poses.turn is not None:
+        named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
+    if poses.commanded is not None:
+        named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
+    return named
+
+
+def _columns(template: str, values: Array) -> Columns:
+    return {template.format(axis): pa.array(column) for axis, column in enumerate(values.T, start=1)}
+
+
+def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
+    layout, given = LAYOUTS[test], table_map.columns
+    joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
+    missing = [name for name in layout.required if name not in given and name not in joints]
+    missing = [name for name in missing if not (direction and name == "direction")]
+    if missing or table_map.joints is None:
+        what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
+        raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
+    if unknown := [name for name in given if name not in layout.known]:
+        raise UseError(
+            "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
+        )
+    problems = Problems()
+    angles = np.degrees(_radians(raw, table_map.joints, problems))
+    named: Columns = {}
+    for name in layout.known:
+        if name in joints:
+            named[name] = pa.array(angles[:, joints.index(name)])
+        elif name in given:
+            named[name] = _one(raw, name, given[name].column, given[name].unit, problems)
+        elif name == "direction" and direction:
+            named[name] = pa.repeat(direction, len(raw.lines))
+    if problems.count:
+        raise TableFileError(raw.where, problems.first, count=problems.count)
+    return named
+
+
+def _one(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
+    """A column by our name: a number in its unit, a count, or a word."""
+    if name not in WORDS and name not in COUNTS:
+        own = name.rpartition("_")[2]
+        if unit and unit not in TO_UNIT[own]:
+            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[own])}")
+        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[own][unit] if unit else 1.0))
+    if column not in raw.names:
+        raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")
+    found: list[object] = []
+    for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
+        try:
+            found.append(value(name, text))
+        except ValueError as error:
+            problems.add([TableProblem(line, column, str(error))])
+            found.append(None)
+    return pa.array(found, pa.string() if name in WORDS else pa.int64())

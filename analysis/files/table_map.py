@@ -1,0 +1,198 @@
+"""The map of a table as its instrument wrote it: which column is what, in which unit, and how turns are written.
+
+A map is a YAML file that a person reads, changes and gives again; a run keeps the one that it was imported by.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import Field, StringConstraints, ValidationError, model_validator
+
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.problems import RigFileError, problems_of
+from rigs.schema.part import Part
+from rigs.yaml_text import read_yaml
+
+_MOST_BYTES = 100_000
+OPEN = "?"
+"""What stands in a proposed map where a person has to decide."""
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=16)]
+Separator = Literal["comma", "semicolon", "tab", "bar", "blanks"]
+SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blanks": " "}
+AngleUnit = Literal["deg", "rad"]
+LengthUnit = Literal["mm", "m", "cm", "um", "in"]
+TO_MM: dict[LengthUnit, float] = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "in": 25.4}
+TO_UNIT: dict[str, dict[str, float]] = {
+    "deg": {"deg": 1.0, "rad": 57.29577951308232},
+    "mm": {**TO_MM},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+}
+"""Factors to the unit that the name of a column of docs/tables.md ends with."""
+TurnForm = Annotated[str, StringConstraints(pattern=r"^(quaternion|rotation vector|matrix|(moving|fixed) [xyz]{3})$")]
+TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
+
+
+class Layout(Part):
+    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook."""
+
+    encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
+    separator: Separator = "comma"
+    decimal: Literal["point", "comma"] = "point"
+    comment: Annotated[str, StringConstraints(max_length=3)] = ""
+    header_line: int = Field(default=1, ge=0)
+    units_line: int = Field(default=0, ge=0)
+    first_line: int = Field(default=2, ge=1)
+    sheet: Annotated[str, StringConstraints(max_length=200)] = ""
+
+
+class Angles(Part):
+    """Columns of angles, in the order of the axes."""
+
+    columns: Names
+    unit: AngleUnit
+
+
+class Lengths(Part):
+    """Columns x, y and z of a place or a distance."""
+
+    columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
+    unit: LengthUnit
+
+
+class Residual(Lengths):
+    """What was measured beside a target: `place` then holds the target."""
+
+    meaning: Literal["target - measured", "measured - target"]
+
+
+class Turn(Part):
+    """How the tool was turned. Columns: a quaternion x, y, z, w; a matrix row by row; angles in the order of their
+    axes."""
+
+    columns: Names
+    form: TurnForm
+    unit: AngleUnit | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Turn:
+        if re.search("xx|yy|zz", self.form):
+            raise ValueError(f"{self.form} turns about one axis twice in a row; write xyz, zyx, zyz …")
+        wanted = TURN_COLUMNS.get(self.form, 3)
+        if len(self.columns) != wanted:
+            raise ValueError(f"a turn as {self.form} has {wanted} columns, not {len(self.columns)}")
+        angles = self.form not in ("quaternion", "matrix")
+        if angles and self.unit is None:
+            raise ValueError(f"a turn as {self.form} needs a unit; add deg or rad")
+        if not angles and self.unit is not None:
+            raise ValueError(f"a turn as {self.form} has no unit; leave it out")
+        return self
+
+
+class Column(Part):
+    """A column of the file for one of docs/tables.md, and its unit where that differs."""
+
+    column: Name
+    unit: Literal["deg", "rad", "mm", "m", "cm", "um", "in", "s", "ms", "us", "ns", "min"] | None = None
+
+
+class TableMap(Part):
+    """What the columns of one measurement mean.
+
+    files: how each of its files is written, in the order in which they are given. join: how several files belong
+    together, `rows` or a column that each of them has. joints, commanded, place, residual, turn: of poses; sees:
+    whether the instrument says where the tool is, or, as a camera on the tool, where the tool sees what stands in the
+    cell. columns: of the other tests, by the names of docs/tables.md. assumed: what nobody has confirmed.
+    """
+
+    files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
+    join: Annotated[str, StringConstraints(max_length=200)] = ""
+    joints: Angles | None = None
+    commanded: Angles | None = None
+    place: Lengths | None = None
+    residual: Residual | None = None
+    turn: Turn | None = None
+    sees: Literal["the tool", "from the tool"] = "the tool"
+    columns: dict[Name, Column] = Field(default_factory=dict, max_length=100)
+    assumed: tuple[Name, ...] = ()
+
+    def used(self) -> list[str]:
+        """Return the columns of the file that are read, in order."""
+        parts = (self.joints, self.commanded, self.place, self.residual, self.turn)
+        return [*(name for part in parts if part for name in part.columns), *(c.column for c in self.columns.values())]
+
+
+def load_map(path: Path) -> TableMap:
+    """Read a map. Raises FileError with every mistake and its line; an open question is one."""
+    try:
+        text = read_bytes(path, _MOST_BYTES).decode("utf-8")
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path of the map") from None
+    except UnicodeDecodeError:
+        raise FileError(str(path), "is not UTF-8", "save the map as UTF-8") from None
+    return parse_map(text, str(path))
+
+
+def parse_map(text: str, where: str) -> TableMap:
+    """Read the text of a map; `where` names it in errors. Raises FileError."""
+    root, data = read_yaml(text, where)
+    _refuse_open(text, where)
+    try:
+        return TableMap.model_validate(data)
+    except ValidationError as error:
+        raise RigFileError(where, problems_of(error, data, root, TableMap)) from None
+
+
+def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None) -> str:
+    """Return a map as YAML. open_keys: places such as `residual.meaning` that a person has to fill in, with what may
+    stand there in words."""
+    data = table_map.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    data["files"] = [
+        layout.model_dump(mode="json", exclude_defaults=True) or {"separator": "comma"} for layout in table_map.files
+    ]
+    lines: list[str] = []
+    for key, value in data.items():
+        lines += _lines(key, value, open_keys or {})
+    return "\n".join(lines) + "\n"
+
+
+def value_text(value: Part | None) -> str:
+    """Return the value of a key of a map as it stands there, in one line."""
+    return "null" if value is None else _flow(value.model_dump(mode="json", exclude_none=True))
+
+
+def _lines(key: str, value: object, open_keys: dict[str, list[str]]) -> list[str]:
+    if key in open_keys:
+        return [*_choices(key, open_keys[key]), f'{key}: "{OPEN}"']
+    if not isinstance(value, dict):
+        return [f"{key}: {_flow(value)}"]
+    lines = [f"{key}:"]
+    for name, one in value.items():
+        place = f"{key}.{name}"
+        if place in open_keys:
+            lines += [f"  {line}" for line in _choices(place, open_keys[place])]
+            one = OPEN  # noqa: PLW2901 - the question takes the place of the answer
+        lines.append(f"  {_flow(name)}: {_flow(one)}")
+    return lines
+
+
+def _choices(place: str, words: list[str]) -> list[str]:
+    return [f"# {OPEN} {place}: {words[0]}", *(f"#   {line}" for line in words[1:])]
+
+
+def _flow(value: object) -> str:
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return text.strip().removesuffix("\n...").strip()
+
+
+def _refuse_open(text: str, where: str) -> None:
+    for number, line in enumerate(text.splitlines(), start=1):
+        key, _, value = line.partition(":")
+        if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
+            what = f"line {number}, {key.strip()}: this question is not answered"
+            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")
