@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +13,18 @@ from analysis.files.imports import is_plain, propose_map, read_mapped
 from analysis.files.map_proposal import Proposal, Question, Reading
 from analysis.files.table_map import TableMap, load_map, map_text, value_text
 from analysis.files.write import holding, write_new
+from analysis.setup.dialogue import Dialogue, has_keyboard
 from analysis.traces.table_layout import JointSource
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
     from analysis.traces.loading import Measured
+
+
+def has_person() -> bool:
+    """Return whether a person reads and can answer; what is asked goes beside the run's path, which is for a script."""
+    return has_keyboard() and sys.stderr.isatty()
 
 
 def needs_map(table: Path, test: TestName) -> bool:
@@ -62,16 +69,14 @@ def mapped_run(
 
 
 def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, yes: bool) -> TableMap:
-    from analysis.setup.dialogue import at_terminal  # noqa: PLC0415
-
     with progress_of(f"reading {files[0]}"):
         proposal = propose_map(files, rig_file, join)
     for line in proposal.checked:
         say(line, err=True)
     if proposal.questions and not yes:
-        dialogue = at_terminal(lambda line: say(line, err=True), progress_of)
-        if not dialogue.terminal:
+        if not has_person():
             _refuse(proposal, run, files)
+        dialogue = Dialogue(lambda line: say(line, err=True), progress_of, True, sys.stdin, sys.stderr)
         while proposal.questions:
             question = proposal.questions[0]
             chosen = dialogue.ask(_asked(question), "--map", _answer_of(question))

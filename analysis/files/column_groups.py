@@ -16,10 +16,11 @@ from analysis.files.raw_table import RawTable
 
 Role = Literal["measured", "commanded", "residual", "other", "unsaid"]
 _ROLE_WORDS: dict[Role, str] = {
-    "other": "std stdev sd sigma u unc uncertainty cov var rms speed speeds vel velocity velocities qd qdd acc current "
-    "acceleration accelerations currents torque torques effort force forces moment moments temp temperature tau",
+    "other": "std stdev sd sigma u unc uncertainty cov var rms speed speeds vel velocity velocities qd qdd "
+    "acc acceleration accelerations current currents torque "
+    "torques effort force forces moment moments temp temperature tau",
     "residual": "dif diff difference err error errors dev deviation residual res delta",
-    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference set soll planned 名义",
+    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference soll planned 名义",
     "measured": "measured measurement meas actual act tracker leica laser faro ist observed mocap camera 测量",
 }
 _INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
@@ -34,7 +35,7 @@ _UNITS = {
 }  # fmt: skip
 _JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles"
 _JOINT_WORDS = frozenset(_JOINTS.split())
-_TURNS = "r rot rotation orientation euler angle angles rotvec rv e o ori quat quaternion q rpy"
+_TURNS = "r rot rotation orientation euler angle angles rotvec rvec rv e o ori quat quaternion q rpy"
 _TURN_WORDS = frozenset(_TURNS.split())
 _SETS = {"rpy": ("roll", "pitch", "yaw"), "abc": ("a", "b", "c"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
 """Names of three angles: of everybody, KUKA, FANUC and Kawasaki."""
@@ -104,7 +105,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
     names = [one for one in names if one.role != "other"]
     axes = len(axis_names)
-    joints = [*_numbered(names, axes), *_called(names, axis_names)]
+    joints = list({group.columns: group for group in (*_numbered(names, axes), *_called(names, axis_names))}.values())
     near = tuple(name for count in (5, 7, 8) for group in _numbered(names, count) for name in group.columns)
     if not joints and not near:
         joints = _with_word(names, axes)
@@ -304,8 +305,8 @@ def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
         for count in (6, 7, 12, 16):
             if order := _in_order(numbered, count):
                 like = _group(order)
-                for one in _poses([name.column for name in order]):
-                    yield replace(one, place=replace(like, columns=one.place.columns, unit=""))
+                for seen in _poses([name.column for name in order]):
+                    yield replace(seen, place=replace(like, columns=seen.place.columns, unit=""))
     matrix: dict[str, _Name] = {}
     for one in names:
         digits = "".join(word for word in one.words if word.isdigit())

@@ -30,6 +30,9 @@ _JUDGED = 200
 """Rows that judge a reading, evenly chosen; more would show no more."""
 _SCREEN_STEPS, _STEPS = 12, 100
 _KEPT = 0.8
+_RIGHT_SHARE = 0.02
+"""Share of the places' spread: an arm of one metre leaves some thousandths; what hardly moves would leave little mm."""
+_FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
 """The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
 _COMPUTED_MM = 0.1
@@ -43,12 +46,14 @@ _LENGTHS = ("mm", "m", "in", "cm")
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read a part of the table, and what it leaves: rms of the nearest four fifths, in mm or degrees."""
+    """One way to read a part of the table, and what it leaves: rms of the nearest four fifths, in mm or degrees; of
+    places also as a share of how far they lie apart, by which readings in other units are compared."""
 
     value: Any
     left: float
     unit: str
     words: str
+    share: float = 0.0
 
     def line(self, next_best: Reading | None = None) -> str:
         """The reading and what it leaves, for a person, and the next best beside it."""
@@ -56,7 +61,15 @@ class Reading:
         return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
 
     def _leaves(self) -> str:
-        return "" if np.isnan(self.left) else f": leaves {self.left:.3g} {self.unit}"
+        if np.isnan(self.left):
+            return ""
+        of = f" of {self.left / self.share:.3g}" if self.share else ""
+        return f": leaves {self.left:.3g}{of} {self.unit}"
+
+    @property
+    def fits(self) -> bool:
+        """Whether places read so are those of the arm."""
+        return self.left <= RIGHT_MM and self.share <= _RIGHT_SHARE
 
 
 @dataclass(frozen=True)
@@ -105,17 +118,20 @@ class _Judge:
     def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **more: Any) -> TableMap:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **more)
 
-    def left_mm(self, table_map: TableMap, steps: int = _STEPS) -> float:
+    def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
+        """A reading of joints and place as it fits the arm."""
+        nothing = Reading(table_map, np.inf, "mm", words, np.inf)
         try:
             poses = poses_of(self.raw, table_map)
         except TableFileError:
-            return np.inf
-        table = PoseTable(poses.q, poses.xyz_mm, None)
-        if np.abs(table.xyz_mm).max() > 1e6 or not (table.xyz_mm != 0).any():
-            return np.inf
-        sound = (table.xyz_mm != 0).any(axis=1)
-        table = PoseTable(table.q[sound], table.xyz_mm[sound], None)
-        return left_mm(table, self.bare, table.q, steps, with_turns=False)
+            return nothing
+        sound = (poses.xyz_mm != 0).any(axis=1)
+        table = PoseTable(poses.q[sound], poses.xyz_mm[sound], None)
+        if len(table.q) < FEWEST or np.abs(table.xyz_mm).max() > _FARTHEST_MM:
+            return nothing
+        apart = float(np.sqrt(((table.xyz_mm - table.xyz_mm.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        left = left_mm(table, self.bare, table.q, steps, with_turns=False)
+        return Reading(table_map, left, "mm", words, left / apart if apart else np.inf)
 
 
 def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:
@@ -187,21 +203,22 @@ def _placed(
     """The map of joints and place, and the place that it is of; what remains open is a question of the judge."""
     found = _readings(judge, joints, seen, residual, stated=True)
     overruled = None
-    if found[0][0].left > RIGHT_MM:
+    if not found[0][0].fits:
         other = _readings(judge, joints, seen, residual, stated=False)
-        if other[0][0].left <= RIGHT_MM:
+        if other[0][0].fits:
             overruled, found = found[0], other
         else:
-            found = sorted([*_from_tool(judge, joints, seen), *found], key=lambda one: one[0].left)
+            found = sorted([*_from_tool(judge, joints, seen), *found], key=lambda one: one[0].share)
     (best, chosen), *others = found
     judge.checked.append(best.line(others[0][0] if others else None))
-    if best.left > RIGHT_MM:
+    if not best.fits:
         what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
         remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
         raise FileError(judge.raw.where, what, remedy)
     if overruled:
         _ask(judge, [found[0], overruled], "its header says otherwise, which does not fit the arm; which is it?")
-    rivals = [one for one in others if one[0].left < CLEARLY * max(best.left, _FLOOR_MM)]
+    least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
+    rivals = [one for one in others if one[0].share < CLEARLY * least]
     _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
     if chosen.place.of_controller:
         by_robot = Reading(None, np.nan, "mm", "the robot computed it, so nothing was measured: import nothing")
@@ -253,15 +270,15 @@ def _readings(
                 Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside
             )
             words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
-            found.append((Reading(table_map, judge.left_mm(table_map, _SCREEN_STEPS), "mm", words), one))
+            found.append((judge.reading(table_map, words), one))
     return _judged(judge, found)
 
 
 def _judged(judge: _Judge, found: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
     """The readings in order, the best few fitted to the end."""
-    found.sort(key=lambda one: one[0].left)
-    best = [(replace(reading, left=judge.left_mm(reading.value)), one) for reading, one in found[:_SHOWN]]
-    return sorted(best, key=lambda one: one[0].left) + found[_SHOWN:]
+    found.sort(key=lambda one: one[0].share)
+    best = [(judge.reading(reading.value, reading.words, _STEPS), one) for reading, one in found[:_SHOWN]]
+    return sorted(best, key=lambda one: one[0].share) + found[_SHOWN:]
 
 
 def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
@@ -279,7 +296,7 @@ def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> 
                 )
                 words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
                 words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
-                found.append((Reading(table_map, judge.left_mm(table_map, _SCREEN_STEPS), "mm", words), one))
+                found.append((judge.reading(table_map, words), one))
     return _judged(judge, found)
 
 

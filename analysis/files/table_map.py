@@ -30,7 +30,7 @@ LengthUnit = Literal["mm", "m", "cm", "um", "in"]
 TO_MM: dict[LengthUnit, float] = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "in": 25.4}
 TO_UNIT: dict[str, dict[str, float]] = {
     "deg": {"deg": 1.0, "rad": 57.29577951308232},
-    "mm": {**TO_MM},
+    "mm": {str(unit): factor for unit, factor in TO_MM.items()},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
 }
 """Factors to the unit that the name of a column of docs/tables.md ends with."""
