@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -13,19 +13,27 @@ from analysis.cli.console import say
 from analysis.cli.options import Runs
 from analysis.cli.several import for_each
 
-Format = Literal["csv", "parquet", "mcap"]
+if TYPE_CHECKING:
+    from daq.store import Run
+
+Format = Literal["csv", "parquet", "mcap", "map"]
 
 
 @command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
     paths: Runs,
-    to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],
+    to: Annotated[
+        Format,
+        typer.Option(
+            help="Format: csv or parquet for the table, mcap for the raw streams, map for that of an imported table."
+        ),
+    ],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
     ],
 ) -> None:
-    """Write the table of each run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
+    """Write the table of each run as CSV or Parquet, its raw streams as MCAP, or the map by which it was imported."""
     from rigs.errors import FileError  # noqa: PLC0415
 
     if len(paths) == 1:
@@ -41,12 +49,12 @@ def export(
 
 
 def _export(path: Path, to: Format, output: Path) -> None:
-    """Write one file, and mark the run as exported."""
+    """Write one file, and mark the run as exported; a map is no export of its readings."""
     from functools import partial  # noqa: PLC0415
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
-    from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
+    from analysis.files.write import holding, write_csv, write_new, write_parquet  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import durable, mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import CellError, RigError  # noqa: PLC0415
@@ -54,7 +62,9 @@ def _export(path: Path, to: Format, output: Path) -> None:
     doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
         run = read_run(path)
-        if to == "mcap":
+        if to == "map":
+            write_new(output, holding(_map_of(run)))
+        elif to == "mcap":
             write_new(output, partial(write_mcap, run))
         else:
             measured = measured_of(run)
@@ -62,6 +72,9 @@ def _export(path: Path, to: Format, output: Path) -> None:
             write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
     for doubt in doubts:
         say(f"note: {doubt}", err=True)
+    if to == "map":
+        say(output)
+        return
     try:
         durable.persist(output)  # rigd may delete a marked run, and a power cut must not take its only copy
     except OSError as error:
@@ -72,3 +85,13 @@ def _export(path: Path, to: Format, output: Path) -> None:
     except RigError as error:
         say(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
     say(output)
+
+
+def _map_of(run: Run) -> bytes:
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    table = run.manifest.table
+    if table is None or not table.map:
+        what = "was read without a map" if table else "is recorded, and no table was imported"
+        raise FileError(str(run.path), what, "give a run that rig import made of a table in other columns")
+    return table.map.encode()

@@ -56,7 +56,8 @@ def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path: Path) -> No
     assert tried(named("kuka"), tmp_path).outcome == "without a word"
     kept = read_run(tmp_path / "run").manifest.table
     assert kept is not None and not kept.assumed
-    (tmp_path / "again.yaml").write_text(kept.map)
+    done = ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "again.yaml")
+    assert done.returncode == 0 and (tmp_path / "again.yaml").read_text() == kept.map
     done = ran(
         "import",
         tmp_path / "kuka.csv",
@@ -93,7 +94,7 @@ def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path:
     assert done.returncode == 3 and "this question is not answered" in done.stderr
     answer = next(line[4:].split("  #")[0] for line in proposed.read_text().splitlines() if line.startswith("#   {"))
     proposed.write_text(proposed.read_text().replace('"?"', answer))
-    assert imported(*words).returncode == 0
+    assert ran(*words).returncode == 0
     table = load_run(tmp_path / "a").table
     assert isinstance(table, PoseTable) and foreign.truth
     assert np.abs(table.xyz_mm - foreign.truth.xyz_mm).max() < 1e-5
