@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -13,13 +13,14 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
-from rigs.schema.vocabulary import TestName, maker_of
+from rigs.schema.vocabulary import Maker, TestName, maker_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from rigs.rig import Rig
 
+ToolAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 _LEAST_COLUMNS, _MINUTES = 80, 60.0
 
 
@@ -50,9 +51,43 @@ def plan(
         Path | None,
         typer.Option("--output", "-o", help="With --propose: directory for a rig file of each circle; default: none."),
     ] = None,
+    poses: Annotated[
+        int | None,
+        typer.Option(min=6, max=300, help="Plan so many poses for a tracker instead; -o writes them; default: none."),
+    ] = None,
+    maker: Annotated[
+        Maker | None, typer.Option("--for", help="With --poses: maker of the controller whose program is written.")
+    ] = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="With --poses: place of the tracker, mm in the robot's base; default: all is seen.",
+        ),
+    ] = None,
+    faces: Annotated[
+        ToolAxis | None,
+        typer.Option(help="With --poses: axis of the tool along which its target looks; default: all is seen."),
+    ] = None,
+    dwell_s: Annotated[
+        float, typer.Option(min=0.5, max=600, help="With --poses: seconds to stand at each pose.")
+    ] = 5.0,
     as_json: AsJson = False,
 ) -> None:
-    """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
+    """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
+
+    With --poses, plan which poses a tracker measures: those after which the arm is
+    known best over its workspace, clear of floor and column, and seen.
+    """
+    if poses:
+        from analysis.cli.plan_poses import plan_poses  # noqa: PLC0415
+
+        if tests or propose:
+            raise typer.BadParameter("plans poses alone; leave --tests and --propose out", param_hint="--poses")
+        plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, as_json=as_json)
+        return
+    if maker or tracker or faces:
+        raise typer.BadParameter("--for, --tracker and --faces need it", param_hint="--poses")
 
     from analysis.inference.plan import tests_named  # noqa: PLC0415
     from rigs.errors import UseError  # noqa: PLC0415

@@ -22,11 +22,13 @@ def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
     low, high = demand.box_mm + np.array([[-_CLEARANCE_MM], [_CLEARANCE_MM]])
     space = ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
     joints = " ".join(f"{angle:.2f}" for angle in np.degrees(start_of(plan).q))
+    tool = "tool and link" if plan.has_link else "the tool"
+    link = "link off until" if plan.has_link else "keep away until"
     return [
-        f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for tool and "
-        "link, and the way of the arm free",
+        f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for "
+        f"{tool}, and the way of the arm free",
         f"{plan.name}: written by rig program, no robot has run it before you",
-        f"link off until the robot stands at its start: joints {joints} deg",
+        f"{link} the robot stands at its start: joints {joints} deg",
         f"the pendant then shows {shown}. If it does not, stop: base, tool or arm differ from the rig file",
         f"payload {plan.payload_kg:g} kg: set it on the controller",
     ]

@@ -123,7 +123,8 @@ class SignalPlace:
 class Plan:
     """A program before it is written.
 
-    name: test, direction and rig; ball_mm (3,): the base-ball's nominal centre in the robot's base frame.
+    name: test, direction and rig; ball_mm (3,): the base-ball's nominal centre in the robot's base frame; has_link:
+    whether a ball link is on, or a tracker's target.
     """
 
     name: str
@@ -133,6 +134,7 @@ class Plan:
     signal_place: SignalPlace
     feedback: Feedback
     steps: tuple[Step, ...]
+    has_link: bool = True
 
 
 def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.files.write import holding, write_all_new
+from analysis.files.write import Writer, holding, write_all_new
 from analysis.robot_programs import abb, fanuc, kuka, ur, yaskawa
 from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import Plan
@@ -82,6 +82,10 @@ def programs_of(maker: Maker, plans: Sequence[tuple[Plan, Demand]]) -> dict[str,
 
 def write_programs(maker: Maker, files: dict[str, str], directory: Path) -> list[Path]:
     """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
+    return write_all_new(directory, encoded_programs(maker, files))
+
+
+def encoded_programs(maker: Maker, files: dict[str, str]) -> dict[str, Writer]:
+    """The writers of program files, with the line ends of their controller."""
     end = DIALECTS[maker].newline
-    encoded = {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}
-    return write_all_new(directory, encoded)
+    return {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}

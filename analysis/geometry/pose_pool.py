@@ -1,0 +1,124 @@
+"""Poses that an arm can take in front of a tracker: within limits, clear of floor and column, seen.
+
+The arm is a chain of lines between its joints' frames and the tool; of its covers nobody tells. So distances are kept
+that covers of common arms fill, and a person watches the first run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array, Mask, forward, link_frames
+from analysis.kinematics.singularity import conditioning
+
+_FLOOR_MM = 100.0
+"""Height above the base's mounting plane that every joint from the elbow on keeps."""
+_COLUMN_MM = 250.0
+"""Distance from axis 1 that wrist and tool keep below the shoulder's height and beside it."""
+_MARGIN_RAD = np.radians(5.0)
+_HALF_TURN = np.pi
+"""No joint goes further from zero than half a turn, whatever its limits: cables and hoses."""
+_LEAST_CONDITIONING = 0.01
+_BESIDE_MM = 120.0
+"""Distance that arm and line of sight keep."""
+_AT_TOOL = 0.9
+"""Share of the line of sight, from the tracker on, that the arm must not cross: it holds the target at its end."""
+_FACING = float(np.cos(np.radians(30.0)))
+"""A corner cube in a ball is seen within 30° of its axis."""
+_STEP_RAD = np.radians(5.0)
+_DRAWS = 40
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Where the tracker stands, tracker_mm (3,) in the robot's base, and the tool's axis (3,) along which its target
+    looks; None for a target that is seen from everywhere."""
+
+    tracker_mm: Array
+    faces: Array | None = None
+
+
+def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
+    """Joint angles (n, 6) rad of at most so many poses, drawn evenly in joint space, that are clear and seen."""
+    low = np.maximum(arm.limits[:, 0] + _MARGIN_RAD, -_HALF_TURN)
+    high = np.minimum(arm.limits[:, 1] - _MARGIN_RAD, _HALF_TURN)
+    found = np.empty((0, len(low)))
+    for _ in range(_DRAWS):
+        q = rng.uniform(low, high, (4 * count, len(low)))
+        q = q[is_clear(arm, q)]
+        q = q[is_seen(arm, q, sight)] if sight else q
+        found = np.concatenate([found, q])
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
+def is_clear(arm: Arm, q: Array) -> Mask:
+    """Whether the arm at joint angles q (n, 6) rad keeps clear of the floor, its column and singularities (n,)."""
+    points = _points(arm, q)
+    outer = points[:, 2:]  # from the elbow on
+    above = (outer[..., 2] > _FLOOR_MM).all(axis=1)
+    shoulder = points[:, 1, 2].max() + _COLUMN_MM
+    last = points[:, 4:]
+    beside = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > shoulder)
+    even = conditioning(arm, q) > _LEAST_CONDITIONING
+    return np.asarray(above & beside.all(axis=1) & even)
+
+
+def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
+    """Whether a move of all joints together from one posture (6,) rad to another is clear; singularities are no matter
+    on it."""
+    count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
+    points = _points(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin))
+    outer, last = points[:, 2:], points[:, 4:]
+    beside = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
+    return bool((outer[..., 2] > _FLOOR_MM).all() and beside.all())
+
+
+def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
+    """Whether the tracker sees its target (n,): the arm does not stand in between, and the target faces it."""
+    points = _points(arm, q)
+    tool = points[:, -1]
+    way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
+    seen = np.ones(len(q), dtype=bool)
+    for begin, end in zip(points[:, :-2].transpose(1, 0, 2), points[:, 1:-1].transpose(1, 0, 2), strict=True):
+        seen &= (_distance(way, begin, end) > _BESIDE_MM).all(axis=0)
+    if sight.faces is not None:
+        to_tracker = sight.tracker_mm - tool
+        looks = _in_base(arm, forward(arm, q))[:, :3, :3] @ sight.faces
+        seen &= (looks * to_tracker).sum(axis=1) > _FACING * np.linalg.norm(to_tracker, axis=1)
+    return seen
+
+
+def in_order_of_ways(arm: Arm, q: Array) -> Array:
+    """The poses (m, 6) rad in an order in which each next is the nearest with a clear way; those without are left
+    out."""
+    rest, order = list(range(1, len(q))), [0]
+    while rest:
+        far = np.abs(q[rest] - q[order[-1]]).max(axis=1)
+        reachable = (k for k in np.argsort(far) if is_way_clear(arm, q[order[-1]], q[rest[k]]))
+        nearest = next(reachable, None)
+        if nearest is None:
+            break
+        order.append(rest.pop(int(nearest)))
+    return q[order]
+
+
+def _points(arm: Arm, q: Array) -> Array:
+    """Joints and tool (n, 7, 3) mm in the robot's base."""
+    frames = np.concatenate([link_frames(arm, q), forward(arm, q)[:, None]], axis=1)
+    return np.asarray(_in_base(arm, frames)[..., :3, 3])
+
+
+def _in_base(arm: Arm, T: Array) -> Array:
+    return np.asarray(np.linalg.inv(arm.T_world_base) @ T)
+
+
+def _distance(points: Array, begin: Array, end: Array) -> Array:
+    """Distances (m, n) mm of points (m, n, 3) from lines between begin and end (n, 3)."""
+    along = end - begin
+    length = np.maximum((along**2).sum(axis=1), 1e-9)
+    share = np.clip(((points - begin) * along).sum(axis=2) / length, 0, 1)
+    return np.asarray(np.linalg.norm(points - begin - share[..., None] * along, axis=2))

@@ -1,0 +1,162 @@
+"""Which poses to measure: those after which the arm is known best over all of its workspace.
+
+A calibration knows each reading beforehand as a normal distribution: effects of an arm, set-up and noise, in the same
+columns as a diagnosis. What a pose would tell about every other one follows from it before anything is measured, so
+poses are chosen one after the other, each the one that leaves least variance of the tool's place over the pool (I- or
+V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, ch. 10). D-optimal poses would know
+the constants best, and of a thousand terms nobody asks for that. Play is left out: it depends on the order of poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.geometry.pose_pool import Sight, drawn_poses, in_order_of_ways
+from analysis.inference.blocks import blocks_of
+from analysis.inference.candidates import candidates_for, columns_for
+from analysis.inference.expected import without_bands
+from analysis.inference.observation import observe_run
+from analysis.inference.responses import linearise
+from analysis.kinematics.arm import Array, Integers, arm_of, forward
+from analysis.model.predict import model_of, nominal_setup
+from analysis.traces.tables import PoseTable
+from rigs.errors import FileError, RigPlace
+from rigs.rig import Rig
+from rigs.schema.effect import is_play
+
+_POOL = 400
+"""Poses to choose from; more would be chosen no better."""
+_SEED, _SHUFFLES = 0, 5
+_LEVEL = 5.0
+"""Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
+(docs/ur10.md)."""
+_SET_UP_SIGMA = 30.0
+"""How little instrument and target are known beforehand: what they may do to a reading, in standard deviations of the
+noise. As good as not at all; more would only round the covariance of all places."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Poses of an arm and what is expected of them before anything is measured: joints q (n, 6) rad; covariance
+    (3 n, 3 n) of their places in standard deviations of the noise, which is sd_mm (3 n,)."""
+
+    q: Array
+    covariance: Array
+    sd_mm: Array
+
+    def choose(self, count: int) -> Integers:
+        """The numbers (count,) of the poses to measure, the one that tells most first."""
+        left, chosen = self.covariance.copy(), list[int]()
+        for _ in range(min(count, len(self.q))):
+            gain = _gains(left, self.sd_mm)
+            gain[chosen] = -np.inf
+            chosen.append(int(np.argmax(gain)))
+            _measure(left, chosen[-1])
+        return np.array(chosen, dtype=np.int64)
+
+    def u_mm(self, chosen: Integers) -> float:
+        """The uncertainty of the tool's place over the pool, rms in mm, once some of its poses are measured."""
+        rows = (3 * chosen[:, None] + np.arange(3)).ravel()
+        across = self.covariance[rows]
+        told = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
+        return float(np.sqrt(3 * np.mean((np.diagonal(self.covariance) - told) * self.sd_mm**2)))
+
+
+@dataclass(frozen=True)
+class PlannedPoses:
+    """Poses to measure, in the order to drive them, and what is expected of them: joints q (n, 6) rad, places of the
+    nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after them, after as many
+    random ones; as_good: how many random poses leave no more, None where none of those tried do."""
+
+    q: Array
+    xyz_mm: Array
+    u_mm: float
+    random_u_mm: float
+    as_good: int | None
+    asked: int
+
+    def lines(self) -> list[str]:
+        """What is planned, in sentences."""
+        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
+        lines = [
+            f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
+            "(rms, expected of an arm with errors as a real one, frame and tool fitted)",
+            f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm; {as_good}",
+        ]
+        if left_out := self.asked - len(self.q):
+            lines.append(f"{left_out} of {self.asked} have no clear way from another, and are left out")
+        return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
+
+    def csv(self) -> str:
+        """The poses as a table, a row each: q1_deg … and the nominal place."""
+        header = ["pose", *(f"q{axis}_deg" for axis in range(1, self.q.shape[1] + 1)), "nominal_x_mm", "nominal_y_mm"]
+        rows = np.column_stack([np.degrees(self.q), self.xyz_mm])
+        lines = [f"{k}," + ",".join(f"{one:.6f}" for one in row) for k, row in enumerate(rows.tolist(), start=1)]
+        return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, angles in degrees, lengths in mm."""
+        return {
+            "poses": [
+                {"q_deg": q, "xyz_mm": p}
+                for q, p in zip(np.degrees(self.q).tolist(), self.xyz_mm.tolist(), strict=True)
+            ],
+            "u_mm": self.u_mm,
+            "random_u_mm": self.random_u_mm,
+            "as_good": self.as_good,
+        }
+
+
+def planned_poses(rig: Rig, count: int, sight: Sight | None = None) -> PlannedPoses:
+    """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker. Raises FileError."""
+    arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
+    q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
+    if len(q) < 2 * count:
+        what = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
+        raise FileError(RigPlace.of(rig.name), what, "put the tracker elsewhere, turn its target, or plan fewer poses")
+    pool = pool_of(rig, q)
+    chosen = pool.choose(count)
+    u_mm = pool.u_mm(chosen)
+    shuffled = [rng.permutation(len(q)) for _ in range(_SHUFFLES)]
+
+    def random(number: int) -> float:
+        return float(np.median([pool.u_mm(one[:number]) for one in shuffled]))
+
+    more = (number for number in range(count, len(q), max(1, count // 15)))
+    as_good = next((number for number in more if random(number) <= u_mm), None)
+    driven = in_order_of_ways(arm, q[chosen])
+    places = forward(arm, driven)[:, :3, 3]
+    return PlannedPoses(driven, places, u_mm, random(count), as_good, count)
+
+
+def pool_of(rig: Rig, q: Array) -> Pool:
+    """What is expected of poses q (n, 6) rad of the arm of a rig, seen by a tracker. Raises FileError."""
+    table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
+    run = observe_run(model_of(rig), table, rig.name)
+    setups = {run.one.setup: nominal_setup(rig, table)}
+    (block,) = blocks = without_bands(blocks_of([run], setups))
+    linear = linearise(blocks, setups)
+    columns = columns_for(linear, [one for one in candidates_for(linear) if not is_play(one.effect)])
+    variance = columns.variance(_LEVEL)
+    own = columns.X[:, columns.set_ups]
+    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(own**2, axis=0)
+    half = columns.X * np.sqrt(variance)
+    return Pool(q, half @ half.T, block.sd_mm)
+
+
+def _gains(left: Array, sd_mm: Array) -> Array:
+    """What each pose (n,) would take from the variance of all places, mm²."""
+    rows = left.reshape(-1, 3, len(left))
+    seen = (rows * sd_mm**2) @ rows.transpose(0, 2, 1)
+    own = np.stack([left[k : k + 3, k : k + 3] for k in range(0, len(left), 3)]) + np.eye(3)
+    return np.asarray(np.trace(np.linalg.solve(own, seen), axis1=1, axis2=2))
+
+
+def _measure(left: Array, pose: int) -> None:
+    """Take from the covariance of all places what a pose tells."""
+    rows = slice(3 * pose, 3 * pose + 3)
+    across = left[:, rows]
+    left -= across @ np.linalg.solve(across[rows] + np.eye(3), across.T)
