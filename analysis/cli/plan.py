@@ -56,7 +56,7 @@ def plan(
         typer.Option(min=6, max=300, help="Plan so many poses for a tracker instead; -o writes them; default: none."),
     ] = None,
     maker: Annotated[
-        Maker | None, typer.Option("--for", help="With --poses: maker of the controller whose program is written.")
+        Maker | None, typer.Option("--for", help="With --poses: maker of the controller whose program is written; default: none.")
     ] = None,
     tracker: Annotated[
         str | None,
