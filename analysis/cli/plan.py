@@ -56,7 +56,8 @@ def plan(
         typer.Option(min=6, max=300, help="Plan so many poses for a tracker instead; -o writes them; default: none."),
     ] = None,
     maker: Annotated[
-        Maker | None, typer.Option("--for", help="With --poses: maker of the controller whose program is written; default: none.")
+        Maker | None,
+        typer.Option("--for", help="With --poses: maker of the controller whose program is written; default: none."),
     ] = None,
     tracker: Annotated[
         str | None,
@@ -76,14 +77,15 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
 
-    With --poses, plan which poses a tracker measures: those after which the arm is
-    known best over its workspace, clear of floor and column, and seen.
+    With --poses, plan which poses a tracker measures: those after which the arm
+    is known best over its workspace, clear of floor and column, and seen.
     """
     if poses:
         from analysis.cli.plan_poses import plan_poses  # noqa: PLC0415
 
-        if tests or propose:
-            raise typer.BadParameter("plans poses alone; leave --tests and --propose out", param_hint="--poses")
+        if tests or propose or minutes:
+            what = "plans poses alone; leave --tests, --propose and --minutes out"
+            raise typer.BadParameter(what, param_hint="--poses")
         plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, as_json=as_json)
         return
     if maker or tracker or faces:
