@@ -37,6 +37,8 @@ _COMMENTS = ("#", "%", "//")
 _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
+_MOSTLY = 0.9
+"""Share of the rows that are numbers in a column of numbers."""
 _FEWEST = 3
 """Columns of the smallest table: a place."""
 
@@ -63,12 +65,18 @@ class RawTable:
 
     @cached_property
     def numeric(self) -> tuple[str, ...]:
-        """The columns that hold numbers in every row."""
-        return tuple(name for name in self.names if pc.all(self._is_number(name)).as_py())
+        """The columns that hold numbers but for a few bad cells, which an import then names."""
+        return tuple(name for name in self.names if array_of(self._is_number(name)).mean() >= _MOSTLY)
 
     def evenly(self, rows: int) -> RawTable:
-        """So many rows of the table, evenly chosen."""
-        chosen = np.unique(np.linspace(0, len(self.lines) - 1, min(rows, len(self.lines))).astype(int))
+        """So many rows of the table without bad cells in columns of numbers, evenly chosen."""
+        sound = np.ones(len(self.lines), dtype=bool)
+        for name in self.numeric:
+            sound &= array_of(self._is_number(name)).astype(bool)
+        there = np.flatnonzero(sound)
+        if not len(there):
+            raise FileError(self.where, "has no row without a bad cell", "correct the file")
+        chosen = there[np.unique(np.linspace(0, len(there) - 1, min(rows, len(there))).astype(int))]
         return RawTable(
             self.where, self.names, self.units, self.cells.take(chosen), self.lines[chosen], self.decimal_comma
         )
@@ -182,9 +190,13 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
         raise FileError(where, "has no rows of numbers", "give a table: a row of numbers for each pose")
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
-    tail = [one for k in sampled[len(sampled) // 2 :] if len(one := _fields(lines[k], mark)) == fields]
+    whole = [one for k in sampled if len(one := _fields(lines[k], mark)) == fields]
+    tail = whole[len(whole) // 2 :]
     held = np.mean([[_is_number(cell, comma) for cell in one] for one in tail], axis=0) > 0.5
-    first = next(k for k in rows if len(one := _fields(lines[k], mark)) == fields and _all_held(one, held, comma))
+    data = (k for k in rows if len(one := _fields(lines[k], mark)) == fields and _all_held(one, held, comma))
+    first = next(data, None)
+    if first is None:
+        raise FileError(where, "has no row whose columns of numbers are all numbers", "give a table of measurements")
     header, units = _header(lines, first, rows, comment, mark, fields, held)
     return Layout(
         encoding=encoding,

@@ -22,6 +22,7 @@ from tests.support.foreign_tables import Foreign, Poses, drawn, foreign_tables, 
 from tests.support.nightly import cases
 
 TABLES = foreign_tables()
+DAMAGE = [b'"', b",", b"\n", b"nan", b"1e400", b"#", b"\xff\xfe", b"''", b"\r", b";;;", b"[mm]", b"\0", b"-", b" "]
 JOINTS = [f"joint_{k}" for k in range(1, 7)]
 
 
@@ -239,3 +240,33 @@ def propose_of(foreign: Foreign) -> TableMap:
 
 def replace_assumed(table_map: TableMap) -> TableMap:
     return table_map.model_copy(update={"assumed": ("the sign: 'as' it \"was\", # nobody knows",)})
+
+
+@pytest.mark.parametrize("seed", cases(range(60), range(6)))
+def test_a_damaged_table_is_read_or_refused_in_one_line(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    chosen = [one for one in TABLES if not one.real]
+    foreign = chosen[int(rng.integers(len(chosen)))]
+    files = []
+    for name, content in foreign.files.items():
+        assert isinstance(content, bytes)
+        data = bytearray(content)
+        for _ in range(int(rng.integers(1, 5))):
+            at = int(rng.integers(len(data)))
+            data[at : at + int(rng.integers(0, 60))] = bytes(rng.choice(DAMAGE))
+        files.append(tmp_path / name)
+        files[-1].write_bytes(bytes(data or b"x"))
+    try:
+        propose_map(files, foreign.rig, foreign.options[1] if foreign.options else "")
+    except FileError as error:
+        assert "\n" not in str(error)
+
+
+def test_a_bad_cell_is_named_with_its_line(tmp_path: Path) -> None:
+    p = poses()
+    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    lines = path.read_text().splitlines()
+    lines[7] = ",".join([*lines[7].split(",")[:6], "lost", *lines[7].split(",")[7:]])
+    path.write_text("\n".join(lines))
+    done = imported(path, tmp_path / "run")
+    assert done.returncode == 3 and "line 8, x: 'lost' is not a number" in done.stderr
