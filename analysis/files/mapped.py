@@ -69,6 +69,7 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     values = raw.numbers(turn.columns, problems)
+    values[~np.isfinite(values).all(axis=1)] = _none(turn)  # bad cells, which are problems already
     if turn.form == "quaternion":
         off = np.abs(np.linalg.norm(values, axis=1) - 1)
     elif turn.form == "matrix":
@@ -80,7 +81,7 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
         what = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
         problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], what)])
-    values = np.where((np.isfinite(values).all(axis=1) & ~(off > _UNIT_WITHIN))[:, None], values, _none(turn))
+    values[off > _UNIT_WITHIN] = _none(turn)
     if turn.form == "quaternion":
         return Rotation.from_quat(values)
     if turn.form == "matrix":
