@@ -104,7 +104,7 @@ def _answer_of(question: Question) -> Callable[[str], Reading]:
 
 
 def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
-    """Write the map with its questions marked, and raise FileError: nobody is there to answer."""
+    """Write the map with its questions marked, and raise FileError: no person is there to answer."""
     path = Path(f"{run.name}.map.yaml")  # not beside the run, where every file is taken for one
     choices = {
         one.key: [one.asks, *(f"{value_text(reading.value)}  # {reading.line()}" for reading in one.readings)]

@@ -1,6 +1,6 @@
 """What the columns of a table may be, by their names alone: joints, places, turns, and whether measured or commanded.
 
-Nothing is decided here: what names leave open, the arm's own kinematics tell (`analysis.files.map_proposal`).
+Nothing is decided here: what names leave open, the arm's own kinematics show (`analysis.files.map_proposal`).
 """
 
 from __future__ import annotations

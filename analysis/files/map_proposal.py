@@ -74,7 +74,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Question:
-    """What the data do not tell: a key of the map, and its possible values, the likeliest first."""
+    """What the data do not show: a key of the map, and its possible values, the likeliest first."""
 
     key: str
     asks: str
@@ -98,7 +98,7 @@ class Proposal:
 
     def assumed(self) -> Proposal:
         """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
-        words = [f"{one.key}: {one.readings[0].words} was assumed, nobody has confirmed it" for one in self.questions]
+        words = [f"{one.key}: {one.readings[0].words} was assumed and is not confirmed" for one in self.questions]
         held = (*self.table_map.assumed, *words)
         return replace(self, table_map=self.table_map.model_copy(update={"assumed": held}), questions=())
 
@@ -145,7 +145,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     bare = replace(arm_of(rig.robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
-        what = f"has {len(raw.lines)} poses, too few for the arm to tell what its columns mean ({FEWEST} are needed)"
+        what = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
         raise FileError(raw.where, what, "write the map by hand, and give it with --map")
     joints, commanded = _of_role(groups.joints)
     seen, residual = _places(groups)

@@ -1,6 +1,6 @@
 """Poses that an arm can take in front of a tracker: within limits, clear of floor and column, seen.
 
-The arm is a chain of lines between its joints' frames and the tool; of its covers nobody tells. So distances are kept
+The arm is a chain of lines between its joints' frames and the tool; its covers are not known. So distances are kept
 that covers of common arms fill, and a person watches the first run.
 """
 
@@ -78,7 +78,8 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
-    """Whether the tracker sees its target (n,): the arm does not stand in between, and the target faces it."""
+    """Whether the tracker sees its target at joint angles q (n, 6) rad, (n,): the arm does not stand in between, and the
+    target faces it."""
     points = _points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)

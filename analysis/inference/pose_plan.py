@@ -1,10 +1,10 @@
 """Which poses to measure: those after which the arm is known best over all of its workspace.
 
 A calibration knows each reading beforehand as a normal distribution: effects of an arm, set-up and noise, in the same
-columns as a diagnosis. What a pose would tell about every other one follows from it before anything is measured, so
+columns as a diagnosis. What a pose would show of every other one follows from it before anything is measured, so
 poses are chosen one after the other, each the one that leaves least variance of the tool's place over the pool (I- or
 V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, ch. 10). D-optimal poses would know
-the constants best, and of a thousand terms nobody asks for that. Play is left out: it depends on the order of poses.
+the constants best, and of a thousand terms none is asked for. Play is left out: it depends on the order of poses.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from rigs.schema.effect import is_play
 _POOL = 400
 """Poses to choose from; more would be chosen no better."""
 _SEED, _SHUFFLES = 0, 5
+"""The seed of the draw, so that the same command plans the same, and how many random choices are compared. Chosen."""
 _LEVEL = 5.0
 """Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
 (docs/ur10.md)."""
@@ -48,7 +49,7 @@ class Pool:
     sd_mm: Array
 
     def choose(self, count: int) -> Integers:
-        """The numbers (count,) of the poses to measure, the one that tells most first."""
+        """The numbers (count,) of the poses to measure, the one that shows most first."""
         left, chosen = self.covariance.copy(), list[int]()
         for _ in range(min(count, len(self.q))):
             gain = _gains(left, self.sd_mm)
@@ -58,7 +59,7 @@ class Pool:
         return np.array(chosen, dtype=np.int64)
 
     def u_mm(self, chosen: Integers) -> float:
-        """The uncertainty of the tool's place over the pool, rms in mm, once some of its poses are measured."""
+        """The uncertainty of the tool's place over the pool, rms in mm, once the poses chosen (k,) are measured."""
         rows = (3 * chosen[:, None] + np.arange(3)).ravel()
         across = self.covariance[rows]
         told = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
@@ -156,7 +157,7 @@ def _gains(left: Array, sd_mm: Array) -> Array:
 
 
 def _measure(left: Array, pose: int) -> None:
-    """Take from the covariance of all places what a pose tells."""
+    """Take from the covariance of all places what a pose shows."""
     rows = slice(3 * pose, 3 * pose + 3)
     across = left[:, rows]
     left -= across @ np.linalg.solve(across[rows] + np.eye(3), across.T)

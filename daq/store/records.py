@@ -78,7 +78,7 @@ class ImportedTable(Record):
     map: Text = Field(default="", max_length=100_000, exclude_if=lambda text: not text)
     """The map by which it was read, as YAML; empty where its columns are those of docs/tables.md."""
     assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
-    """What the map takes for true that nobody has confirmed, in words."""
+    """What the map takes for true without a confirmation, in words."""
 
 
 class Relabelling(Record):

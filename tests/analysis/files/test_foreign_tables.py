@@ -106,7 +106,7 @@ def test_yes_takes_the_likeliest_answer_and_every_reading_of_the_run_says_so(tmp
     files = foreign.written(tmp_path)
     done = ran("import", *files, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--yes")
     assert done.returncode == 0
-    assert any("was assumed, nobody has confirmed it" in doubt for doubt in load_run(tmp_path / "a").doubts)
+    assert any("was assumed and is not confirmed" in doubt for doubt in load_run(tmp_path / "a").doubts)
 
 
 def test_a_person_at_a_terminal_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
             lambda lines: [*lines[:5], lines[5].replace(lines[5].split(",")[2], "nan", 1), *lines[6:]],
             "line 6, joint_3: 'nan'",
         ),
-        (lambda lines: lines[:8], "too few for the arm to tell"),
+        (lambda lines: lines[:8], "too few for the arm to show"),
         (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "no columns x, y, z of a place"),
     ],
 )
