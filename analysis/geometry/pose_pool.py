@@ -78,8 +78,8 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
-    """Whether the tracker sees its target at joint angles q (n, 6) rad, (n,): the arm does not stand in between, and the
-    target faces it."""
+    """Whether the tracker sees its target at joint angles q (n, 6) rad, (n,): the arm does not stand in between, and
+    the target faces it."""
     points = _points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
