@@ -13,19 +13,21 @@ from analysis.cli.console import say
 from analysis.cli.options import Runs
 from analysis.cli.several import for_each
 
-Format = Literal["csv", "parquet", "mcap"]
+Format = Literal["csv", "parquet", "xlsx", "mcap"]
 
 
 @command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
     paths: Runs,
-    to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],
+    to: Annotated[Format, typer.Option(help="Format: csv, parquet or xlsx for the table, mcap for the raw streams.")],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
     ],
 ) -> None:
-    """Write the table of each run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
+    """Write the table of each run as CSV, Parquet or a workbook, or its raw streams as MCAP.
+
+    Foxglove and PlotJuggler show an MCAP file."""
     from rigs.errors import FileError  # noqa: PLC0415
 
     if len(paths) == 1:
@@ -46,7 +48,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
-    from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
+    from analysis.files.write import write_csv, write_new, write_parquet, write_xlsx  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import durable, mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import CellError, RigError  # noqa: PLC0415
@@ -59,7 +61,8 @@ def _export(path: Path, to: Format, output: Path) -> None:
         else:
             measured = measured_of(run)
             doubts = measured.doubts
-            write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+            write = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}[to]
+            write_new(output, partial(write, measured.to_table()))
     for doubt in doubts:
         say(f"note: {doubt}", err=True)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 from collections.abc import Callable, Mapping
@@ -12,13 +13,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
 from rigs.errors import CellError, FileError
-from rigs.text import plain_lines
+from rigs.text import plain_lines, to_install
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS_AT_ONCE = 65_536
 """Rows of a table that are in memory as Python's own numbers, which take some ten times the memory of an array's."""
+_SHEET_ROWS = 1_048_576
+"""Rows of a sheet, its header among them (Excel specifications and limits, Microsoft)."""
 Writer = Callable[[BinaryIO], object]
 """Puts what a file holds into it."""
 
@@ -139,6 +142,46 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
         columns = [map(_cell, column.to_pylist()) for column in batch.columns]
         file.writelines((",".join(row) + "\n").encode() for row in zip(*columns, strict=True))
+
+
+def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
+    """The table as a workbook with one sheet, its header kept in sight; text is text, never a formula or a link.
+
+    Raises FileError for more rows than a sheet has, and CellError where the library is missing.
+    """
+    try:
+        import xlsxwriter  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError:
+        raise CellError("xlsx", "needs xlsxwriter, which is not installed", to_install("xlsxwriter")) from None
+    if table.num_rows >= _SHEET_ROWS:
+        what = f"has {table.num_rows} rows, and a sheet holds {_SHEET_ROWS - 1}"
+        raise FileError("xlsx", what, "export it as csv or parquet")
+    options = {
+        "constant_memory": True,
+        "strings_to_formulas": False,
+        "strings_to_urls": False,
+        "nan_inf_to_errors": False,
+    }
+    with xlsxwriter.Workbook(file, options) as book:
+        sheet = book.add_worksheet("table")
+        sheet.freeze_panes(1, 0)
+        sheet.write_row(0, 0, [plain_lines(name) for name in table.column_names], book.add_format({"bold": True}))
+        number = 0
+        for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+            for row in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+                number += 1
+                for place, value in enumerate(row):
+                    _write_cell(sheet, number, place, value)
+
+
+def _write_cell(sheet: Any, row: int, column: int, value: Any) -> None:
+    """Put a value into a cell; what is unknown leaves it empty."""
+    if isinstance(value, str):
+        sheet.write_string(row, column, plain_lines(value))
+    elif isinstance(value, bool):
+        sheet.write_boolean(row, column, value)
+    elif value is not None and math.isfinite(value):
+        sheet.write_number(row, column, value)
 
 
 def _cell(value: Any) -> str:
