@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import mimetypes
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
@@ -33,6 +34,7 @@ from analysis.window.texts import NAMES, language_of, texts_of
 from analysis.window.watcher import Watcher
 from rigs.errors import RigError
 
+log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
 _STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg": "image/svg+xml"}
 _A_YEAR_S = 31_536_000
@@ -86,6 +88,7 @@ def app_of(window: Window) -> Guard:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         watching = asyncio.create_task(window.watcher.run())
+        watching.add_done_callback(_say_why)
         try:
             yield
         finally:
@@ -315,6 +318,12 @@ class _Pages:
 
     def _wait(self, request: Request) -> Response:
         return self._page(request, "wait.html", 202)
+
+
+def _say_why(watching: asyncio.Task[None]) -> None:
+    """Let a person see why nothing is watched any more: pages say that there is no news."""
+    if not watching.cancelled() and (error := watching.exception()) is not None:
+        log.error("the cell is not watched any more", exc_info=error)
 
 
 async def _form(request: Request) -> dict[str, str]:

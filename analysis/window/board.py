@@ -62,10 +62,9 @@ class Follow:
         """Send the stream. What holds the connection drops a reader that takes nothing (`analysis.window.serve`)."""
         headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
         head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
-        await send({"type": "http.response.start", "status": 200, "headers": head})
         self._board.viewers += 1
         gone = asyncio.create_task(_gone(receive))
-        sends = asyncio.create_task(self._send(send))
+        sends = asyncio.create_task(self._send(send, head))
         try:
             await asyncio.wait((gone, sends), return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -75,7 +74,8 @@ class Follow:
             with suppress(asyncio.CancelledError, OSError):
                 await sends
 
-    async def _send(self, send: Send) -> None:
+    async def _send(self, send: Send, head: list[tuple[bytes, bytes]]) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": head})
         await send({"type": "http.response.body", "body": b"retry: 1000\n\n", "more_body": True})
         async with aclosing(self._board.follow()) as news:
             async for data in news:

@@ -29,14 +29,16 @@ class Bounded(H11Protocol):
     """A connection that cannot be held open by saying nothing, too slowly, or by taking nothing."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection; of too many, one that is silent goes."""
+        """Take a connection; of too many, the oldest that is silent goes."""
         super().connection_made(transport)
         transport.set_write_buffer_limits(_KEPT)
         self._slow: asyncio.TimerHandle | None = None
         self._head: asyncio.TimerHandle | None = self.loop.call_later(_HEAD_S, transport.abort)
-        if len(self.connections) > MOST_CONNECTIONS:
-            silent = [one for one in self.connections if isinstance(one, Bounded) and one is not self and one.is_silent]
-            (silent[0] if silent else self).transport.abort()
+        self._since_s = self.loop.time()
+        there = [one for one in self.connections if isinstance(one, Bounded) and not one.transport.is_closing()]
+        if len(there) > MOST_CONNECTIONS:
+            silent = [one for one in there if one is not self and one.is_silent]
+            min(silent, key=lambda one: one._since_s, default=self).transport.abort()
 
     @property
     def is_silent(self) -> bool:
@@ -99,6 +101,12 @@ def listening(address: str, port: int) -> socket.socket:
 
 def serve(app: ASGIApp, sock: socket.socket) -> None:
     """Serve until SIGINT or SIGTERM."""
+    with suppress(KeyboardInterrupt):  # Ctrl-C is how a person ends it
+        server_of(app).run(sockets=[sock])
+
+
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """Return what serves an application."""
     logging.getLogger("uvicorn.error").addFilter(_not_of_peers)
     options: dict[str, Any] = {
         "http": Bounded,
@@ -112,11 +120,8 @@ def serve(app: ASGIApp, sock: socket.socket) -> None:
         "timeout_keep_alive": 5,
         "timeout_graceful_shutdown": 1,
         "h11_max_incomplete_event_size": _MOST_HEAD,
-        "limit_concurrency": MOST_CONNECTIONS,
     }
-    server = uvicorn.Server(uvicorn.Config(app, **options))
-    with suppress(KeyboardInterrupt):  # Ctrl-C is how a person ends it
-        server.run(sockets=[sock])
+    return uvicorn.Server(uvicorn.Config(app, **options))
 
 
 def _not_of_peers(record: logging.LogRecord) -> bool:

@@ -36,7 +36,8 @@ class Watcher:
         self.zero_mm = (0.0, 0.0)
         self._find, self._place = find, place
         self._source = DaemonSource(find)
-        self._session_seen: object = None
+        self._session_seen: object = ...
+        """The state of its file when it was read last; None where there was none."""
 
     async def run(self) -> None:
         """Watch until it is cancelled."""

@@ -129,7 +129,8 @@ function showCircle() {
   while (turns.children.length > list.length) turns.lastChild.remove();
   list.forEach(([axis, deg], at) => {
     const mark = turns.children[at] ?? turns.appendChild(document.createElementNS("http://www.w3.org/2000/svg", "text"));
-    const [x, y] = placed(deg, 1.2);
+    const near = list.slice(0, at).filter(([, other]) => Math.abs(((deg - other + 540) % 360) - 180) < 8).length;
+    const [x, y] = placed(deg - 7 * (near % 3), 1.2);
     mark.setAttribute("x", x);
     mark.setAttribute("y", y);
     mark.textContent = `${axis}`;
