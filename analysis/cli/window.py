@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -99,9 +100,10 @@ def window(
     controls = Controls(watcher, place, str(find(rig_file).resolve()) if rig_file else "") if control else None
     with tempfile.TemporaryDirectory(prefix="rig-window-") as directory:
         shown = f"[{listen}]" if ":" in listen else listen
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was made and started here is removed and ended
         say(f"http://{shown}:{sock.getsockname()[1]}{' with control' if control else ''}; Ctrl-C ends it")
         try:
-            serve(app_of(Window(watcher, shelf, place, Made(Path(directory)), gate, controls)), sock)
+            serve(app_of(Window(watcher, shelf, place, Made(Path(directory)), gate, controls)), sock, watcher.board.end)
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was started here is ended in order
             if controls is not None:

@@ -40,6 +40,8 @@ _STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg":
 _A_YEAR_S = 31_536_000
 _MOST_RUNS = 60
 """Runs in one address, which is 8 kB long at most."""
+_MOST_ROBOTS = 3
+"""Robots whose runs are evaluated for one list."""
 _PAGE = "page.html"
 _WRONG_TOKEN_S = 1.0
 """A wrong token is answered so late, and one at a time: a word of 16 letters is not found by trying."""
@@ -78,7 +80,7 @@ def app_of(window: Window) -> Guard:
         Route("/compare", pages.compare),
         Route("/history/{robot}", pages.history),
         Route("/fleet", pages.fleet),
-        Route("/made/{key}/{file}", pages.made),
+        Route("/made/{key}/{file:path}", pages.made),
         Route("/login", pages.login, methods=["GET", "POST"]),
         Route("/language", pages.language, methods=["POST"]),
         Route("/control/{what}", pages.control, methods=["POST"]),
@@ -133,20 +135,17 @@ class _Pages:
     def runs(self, request: Request) -> Response:
         words = request.query_params.get("q", "")[:200]
         shown, count = self._window.shelf.runs(words)
-        for robot in sorted({str(one.about["rig"]) for one in shown if one.record is None and _is_whole(one)})[:3]:
-            with suppress(RigError):
-                self._window.made.get(self._history_of(robot))
-        more = max(0, count - MOST_SHOWN)
         robots = sorted({str(one.about["rig"]) for one in shown if one.about["rig"]})
-        return self._page(request, "runs.html", runs=shown, count=count, more=more, words=words, robots=robots)
+        more = max(0, count - MOST_SHOWN)
+        waits = self._evaluates(shown)
+        return self._page(
+            request, "runs.html", runs=shown, count=count, more=more, words=words, robots=robots, waits=waits
+        )
 
     def run(self, request: Request) -> Response:
         shown = self._window.shelf.run(request.path_params["name"])
         pictures, why = self._pictures([shown]) if _is_whole(shown) else ([], "")
-        if shown.record is None and _is_whole(shown):
-            with suppress(RigError):
-                self._window.made.get(self._history_of(str(shown.about["rig"])))
-        waits = pictures is None or (shown.record is None and _is_whole(shown))
+        waits = self._evaluates([shown]) or pictures is None
         return self._page(
             request, "run.html", run=shown, pictures=pictures or [], why=why, waits=waits, kinds=list(WRITERS)
         )
@@ -290,6 +289,14 @@ class _Pages:
         if not names or len(names) > _MOST_RUNS:
             raise HTTPException(400, "choose_runs")
         return [self._window.shelf.run(name) for name in names]
+
+    def _evaluates(self, shown: Sequence[Shown]) -> bool:
+        """Have runs without figures evaluated, as `rig history` does and keeps; return whether that is under way."""
+        new = {str(one.about["rig"]) for one in shown if one.record is None and _is_whole(one)}
+        try:
+            return any([self._window.made.get(self._history_of(robot)) is None for robot in sorted(new)[:_MOST_ROBOTS]])
+        except RigError:  # the next try says more
+            return False
 
     def _history_of(self, robot: str) -> Wanted:
         runs = tuple(one.path for one in self._window.shelf.runs()[0] if one.about["rig"] == robot)

@@ -28,6 +28,7 @@ class Board:
         self._news: dict[str, tuple[int, bytes]] = {}
         self._changed = asyncio.Event()
         self.viewers = 0
+        self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
         """Put something up in place of the last of its kind; what is the same is no news."""
@@ -39,10 +40,15 @@ class Board:
             self._changed.set()
             self._changed = asyncio.Event()
 
+    def end(self) -> None:
+        """End what follows: the window goes, and pages ask again until there is another."""
+        self._ended = True
+        self._changed.set()
+
     async def follow(self) -> AsyncGenerator[bytes, None]:
         """Yield what is up, then what is new as often as it is asked for."""
         seen: dict[str, int] = {}
-        while True:
+        while not self._ended:
             changed = self._changed
             news = [data for kind, (version, data) in self._news.items() if seen.get(kind) != version]
             seen = {kind: version for kind, (version, _) in self._news.items()}

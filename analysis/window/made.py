@@ -83,11 +83,12 @@ class Made:
             return None
 
     def file(self, key: str, name: str) -> Path | None:
-        """Return a file that was made, None where there is none of that name."""
+        """Return a file that was made by its path, None where there is none."""
         with self._lock:
             if self._done.get(key) != "":
                 return None
-            files = {path.name: path for path in (self._directory / key).iterdir() if path.is_file()}
+            place = self._directory / key
+            files = {path.relative_to(place).as_posix(): path for path in place.rglob("*") if path.is_file()}
         return files.get(name)
 
     def close(self) -> None:
@@ -107,7 +108,9 @@ class Made:
             took_too_long = child.runs
             child.stop()
             self._current = None
-            said = child.ended().what if child.exit_code else ""
+            # What could be made of the good runs is shown, although others were refused.
+            is_made = any((self._directory / key).iterdir())
+            said = "" if is_made else _error_in(child.log) or child.ended().what
             self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else said
             while len(self._done) > _MOST_KEPT:
                 old, _ = self._done.popitem(last=False)
@@ -120,3 +123,9 @@ class Made:
             arguments = [one.replace("{out}", str(out)) for one in wanted.arguments]
             log = self._directory / f"{key}.log"
             self._current = key, Child.start(wanted.module, "rig", arguments, log, nice=_NICE), clock.now_s()
+
+
+def _error_in(log: Path) -> str:
+    """The error that a command has reported, empty where it has none."""
+    lines = log.read_text("utf-8", "replace").splitlines()
+    return next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")

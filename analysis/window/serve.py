@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -99,13 +100,26 @@ def listening(address: str, port: int) -> socket.socket:
     return sock
 
 
-def serve(app: ASGIApp, sock: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM."""
+class Server(uvicorn.Server):
+    """Serves until it is told to end; streams, which have no end of their own, are ended first."""
+
+    def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ends = ends
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End streams, then connections."""
+        self._ends()
+        await super().shutdown(sockets)
+
+
+def serve(app: ASGIApp, sock: socket.socket, ends: Callable[[], None]) -> None:
+    """Serve until SIGINT or SIGTERM; ends: called when that has come."""
     with suppress(KeyboardInterrupt):  # Ctrl-C is how a person ends it
-        server_of(app).run(sockets=[sock])
+        server_of(app, ends).run(sockets=[sock])
 
 
-def server_of(app: ASGIApp) -> uvicorn.Server:
+def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
     """Return what serves an application."""
     logging.getLogger("uvicorn.error").addFilter(_not_of_peers)
     options: dict[str, Any] = {
@@ -121,7 +135,7 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
         "timeout_graceful_shutdown": 1,
         "h11_max_incomplete_event_size": _MOST_HEAD,
     }
-    return uvicorn.Server(uvicorn.Config(app, **options))
+    return Server(uvicorn.Config(app, **options), ends)
 
 
 def _not_of_peers(record: logging.LogRecord) -> bool:

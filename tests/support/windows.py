@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from analysis.live.loop import RunPlayer
+from analysis.live.played_run import played_run
+from analysis.live.view import Update
 from analysis.session.state import Place
 from analysis.window.app import Window, app_of
 from analysis.window.controls import Controls
@@ -27,6 +30,26 @@ PATIENCE_S = 60.0
 
 def no_daemon() -> Path:
     raise CellError("rigd", "no daemon runs", "start it: rigd RIG")
+
+
+class Playing:
+    """A recorded run as what is watched, from when it is first looked at."""
+
+    def __init__(self, run: Path, speed: float) -> None:
+        self._run, self._speed = run, speed
+
+    def begun(self) -> Playing:
+        played = played_run(self._run, self._speed)
+        self._begin = [Update(cell=played.cell, label=(played.name, played.test, played.direction))]
+        self._player = RunPlayer([played])
+        return self
+
+    def updates(self) -> list[Update]:
+        begin, self._begin = self._begin, []
+        return [*begin, *self._player.updates()]
+
+    def end(self) -> None:
+        pass
 
 
 @dataclass(frozen=True)
@@ -99,7 +122,7 @@ def served(
     controls = Controls(watcher, place, "") if control else None
     window = Window(watcher, Shelf(folder / "runs"), place, Made(folder / "made"), Gate.of([], token), controls)
     sock = listening("127.0.0.1", port)
-    server = server_of(app_of(window))
+    server = server_of(app_of(window), watcher.board.end)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
     try:

@@ -231,8 +231,11 @@ function say() {
   else put("state", known.now?.cut || words("fresh"));
 }
 
+let source = null;
+
 function listen() {
-  const source = new EventSource("/events");
+  source?.close();
+  source = new EventSource("/events");
   for (const kind of Object.keys(SHOW)) {
     source.addEventListener(kind, (event) => {
       known[kind] = JSON.parse(event.data);
@@ -243,9 +246,16 @@ function listen() {
   }
   // A browser gives up where the answer is an error; it is asked again as long as the page is open.
   source.addEventListener("error", () => {
-    if (source.readyState === EventSource.CLOSED) setTimeout(listen, 2000);
+    if (source.readyState === EventSource.CLOSED && !document.hidden) setTimeout(listen, 2000);
   });
 }
+
+// A browser keeps six connections to one place: pages that nobody sees leave theirs to the one that is looked at.
+document.addEventListener("visibilitychange", () => {
+  if (!root) return;
+  if (document.hidden) source?.close();
+  else listen();
+});
 
 function control(form) {
   form.addEventListener("submit", async (event) => {
