@@ -80,9 +80,19 @@ def hold_quiet(one: Browser, port: int, known: tuple[str, ...] = ()) -> None:
 
 
 @pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     with browser(tmp_path_factory.mktemp("profile")) as one:
         yield one
+
+
+@pytest.fixture
+def chromium(started: Browser) -> Browser:
+    """The browser, which has said nothing yet and holds no cookie."""
+    started.send("Page.navigate", url="about:blank")
+    started.send("Network.clearBrowserCookies")
+    sized(started, SIZES["desk"])
+    started.events.clear()
+    return started
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +203,7 @@ def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go
             keyboard("acw")
             chromium.until(WHOLE)
             chromium.value("document.querySelector('form[action=\"/control/stop\"]').requestSubmit()")
-            chromium.until(f"{TEXT.format('recording')}.includes('not recording')")
+            chromium.until(f"{TEXT.format('recording')}.includes('not recording')", 20.0)
             assert [path.name.split("_")[1] for path in (tmp_path / "runs").iterdir() if path.is_dir()] == ["lap"]
             band = chromium.value(TEXT.format("acw-band"))
             bench.signalled(signal.SIGKILL)
