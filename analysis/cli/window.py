@@ -44,6 +44,12 @@ def window(
         bool,
         typer.Option("--control", help="Allow to start and stop recordings, to zero, and to go on with the session."),
     ] = False,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove at this port; default: no."
+        ),
+    ] = None,
     runs: Annotated[
         Path | None,
         typer.Option(
@@ -77,13 +83,14 @@ def window(
     if session and rig_file is None:
         raise UseError("--session", "needs the rig file of its cell", "give CELL")
     gate = Gate.of([listen, *(name or [])], token_of(token) if token else None)
-    rig_name, place = None, None
+    rig, place = None, None
     if rig_file is not None:
-        rig_name = load(rig_file)[0].name
-        place = Place(session or Path(f"session-{rig_name}"))
+        rig = load(rig_file)[0]
+        place = Place(session or Path(f"session-{rig.name}"))
     try:
         from analysis.window.app import Window, app_of  # noqa: PLC0415
         from analysis.window.controls import Controls  # noqa: PLC0415
+        from analysis.window.foxglove import Foxglove  # noqa: PLC0415
         from analysis.window.made import Made  # noqa: PLC0415
         from analysis.window.serve import listening, serve  # noqa: PLC0415
         from analysis.window.shelf import Shelf  # noqa: PLC0415
@@ -96,11 +103,14 @@ def window(
 
     sock = listening(listen, port)
     shelf = Shelf(runs or (place.runs if place and place.file.exists() else Path("runs")))
-    watcher = Watcher(partial(find_socket, rig_name), place)
+    stream = Foxglove(foxglove, rig) if foxglove is not None else None
+    watcher = Watcher(partial(find_socket, rig.name if rig else None), place, stream.show if stream else None)
     controls = Controls(watcher, place, str(find(rig_file).resolve()) if rig_file else "") if control else None
     with tempfile.TemporaryDirectory(prefix="rig-window-") as directory:
         shown = f"[{listen}]" if ":" in listen else listen
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was made and started here is removed and ended
+        if stream is not None:
+            say(f"ws://127.0.0.1:{stream.port} for Foxglove")
         say(f"http://{shown}:{sock.getsockname()[1]}{' with control' if control else ''}; Ctrl-C ends it")
         try:
             serve(app_of(Window(watcher, shelf, place, Made(Path(directory)), gate, controls)), sock, watcher.board.end)
@@ -108,3 +118,5 @@ def window(
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was started here is ended in order
             if controls is not None:
                 controls.close()
+            if stream is not None:
+                stream.close()

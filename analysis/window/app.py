@@ -73,6 +73,7 @@ def app_of(window: Window) -> Guard:
         Route("/", pages.live),
         Route("/events", pages.events),
         Route("/session", pages.session),
+        Route("/session/report", pages.session_report),
         Route("/runs", pages.runs),
         Route("/runs/{name}", pages.run),
         Route("/runs/{name}/table.{kind}", pages.table),
@@ -128,6 +129,16 @@ class _Pages:
         if self._window.controls is not None:
             said = await run_in_threadpool(self._window.controls.session_lines)
         return self._page(request, "session.html", has_session=self._window.place is not None, said=said)
+
+    def session_report(self, request: Request) -> Response:
+        place = self._window.place
+        session = place.read() if place else None
+        if place is None or session is None or not session.report:
+            raise HTTPException(404)
+        file = place.directory / Path(session.report).name
+        if not file.is_file():
+            raise HTTPException(404)
+        return FileResponse(file, media_type="text/html", headers={"content-security-policy": _SCRIPTED})
 
     # ------------------------------------------------------------------------------------------------------------------
     # Runs.
@@ -294,9 +305,10 @@ class _Pages:
         """Have runs without figures evaluated, as `rig history` does and keeps; return whether that is under way."""
         new = {str(one.about["rig"]) for one in shown if one.record is None and _is_whole(one)}
         try:
-            return any([self._window.made.get(self._history_of(robot)) is None for robot in sorted(new)[:_MOST_ROBOTS]])
+            made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
         except RigError:  # the next try says more
             return False
+        return None in made
 
     def _history_of(self, robot: str) -> Wanted:
         runs = tuple(one.path for one in self._window.shelf.runs()[0] if one.about["rig"] == robot)

@@ -23,6 +23,7 @@ _CURVE_POINTS = 360
 _EVENTS = 12
 _REVERSALS = 24
 """Reversals that are marked on the circle: the last of some two laps."""
+_ONE_PLACE_DEG = 5.0
 _PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
 
 
@@ -77,12 +78,18 @@ def curve(found: ErrorCurve) -> dict[str, Any]:
 def curves(view: LiveView) -> dict[str, dict[str, Any]]:
     """Both curves by direction, and the circle: its scale, and where joints turned back."""
     both = shown_curves(view)
-    turned = [
-        [one.axis, round(math.degrees(one.phi_rad), 1), one.sense]
-        for one in view.reversals[-_REVERSALS:]
-        if math.isfinite(one.phi_rad)
-    ]
+    turned: list[list[float]] = []
+    for one in reversed(view.reversals[-_REVERSALS:]):
+        mark = [one.axis, round(math.degrees(one.phi_rad), 1), one.sense]
+        if math.isfinite(one.phi_rad) and not any(_is_same(mark, other) for other in turned):
+            turned.append(mark)
     return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
+
+
+def _is_same(mark: list[float], other: list[float]) -> bool:
+    """Whether two reversals are those of one joint at one place, in two laps."""
+    apart = abs(math.remainder(mark[1] - other[1], 360.0))
+    return (mark[0], mark[2]) == (other[0], other[2]) and apart < _ONE_PLACE_DEG
 
 
 def trace(view: LiveView) -> dict[str, Any]:

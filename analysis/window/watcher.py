@@ -29,12 +29,15 @@ _SLOW_TICKS = 5
 class Watcher:
     """Follows the daemon and the session of a cell."""
 
-    def __init__(self, find: Callable[[], Path], place: Place | None) -> None:
-        """find: the socket of the daemon; raises CellError while there is none. place: of the session."""
+    def __init__(
+        self, find: Callable[[], Path], place: Place | None, shows: Callable[[LiveView], None] | None = None
+    ) -> None:
+        """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
+        with each view, for who follows in another way."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
-        self._find, self._place = find, place
+        self._find, self._place, self._shows = find, place, shows
         self._source = DaemonSource(find)
         self._session_seen: object = ...
         """The state of its file when it was read last; None where there was none."""
@@ -56,6 +59,8 @@ class Watcher:
         for update in self._source.updates():
             self.view = self.view.after(update)
         board, view = self.board, self.view
+        if self._shows is not None:
+            self._shows(view)
         board.post("cell", frames.cell(view))
         board.post("now", frames.now(view, self.zero_mm, tick))
         if tick % _SLOW_TICKS == 0:

@@ -127,13 +127,14 @@ function showCircle() {
   put("reach", drawn ? words("reach", { size: `${Number(known.circle.scale.toPrecision(2))} ${known.cell?.unit ?? ""}` }) : "");
   const turns = byId("turns"), list = known.circle.turned;
   while (turns.children.length > list.length) turns.lastChild.remove();
-  list.forEach(([axis, deg], at) => {
+  list.forEach(([axis, deg, sense], at) => {
     const mark = turns.children[at] ?? turns.appendChild(document.createElementNS("http://www.w3.org/2000/svg", "text"));
     const near = list.slice(0, at).filter(([, other]) => Math.abs(((deg - other + 540) % 360) - 180) < 8).length;
     const [x, y] = placed(deg - 7 * (near % 3), 1.2);
     mark.setAttribute("x", x);
     mark.setAttribute("y", y);
     mark.textContent = `${axis}`;
+    mark.setAttribute("class", sense > 0 ? "acw" : sense < 0 ? "cw" : "");
   });
 }
 
@@ -184,6 +185,7 @@ function showSession(told) {
   ]));
   byId("corrected").hidden = !told.correction;
   put("correction", told.correction ?? "");
+  byId("report").hidden = !told.report;
   const size = (one) => (one ? `${one.um.toFixed(1)} ± ${one.u_um.toFixed(1)} µm` : "–");
   items("before-after", (told.before_after ?? []).map((one) =>
     words(`where_${one.where}`, { before: size(one.before), after: size(one.after) })));
@@ -221,7 +223,7 @@ function drawStart(told) {
 function say() {
   const silent = performance.now() - heardAt;
   const stale = heardAt === 0 || silent > STALE_MS;
-  const lost = known.now?.lost;
+  const lost = byId("live") && known.now?.lost;
   const state = byId("state");
   state.classList.toggle("stale", (stale && heardAt > 0) || Boolean(lost));
   root.classList.toggle("stale-all", stale || Boolean(lost));
