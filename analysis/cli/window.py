@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -66,57 +63,15 @@ def window(
     it unless --listen says otherwise. It reads only, unless --control is
     given; the robot is never commanded.
     """
-    import tempfile  # noqa: PLC0415
-
-    from analysis.session.state import Place  # noqa: PLC0415
-    from analysis.window.guard import Gate, is_loopback, token_of  # noqa: PLC0415
-    from daq.service.client import find_socket  # noqa: PLC0415
-    from rigs.errors import CellError, UseError  # noqa: PLC0415
-    from rigs.load import find, load  # noqa: PLC0415
+    from rigs.errors import CellError  # noqa: PLC0415
     from rigs.text import to_install  # noqa: PLC0415
 
-    if not is_loopback(listen) and token is None:
-        what = f"{listen} can be reached by other computers"
-        raise UseError(
-            "--listen", what, "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
-        )
-    if session and rig_file is None:
-        raise UseError("--session", "needs the rig file of its cell", "give CELL")
-    gate = Gate.of([listen, *(name or [])], token_of(token) if token else None)
-    rig, place = None, None
-    if rig_file is not None:
-        rig = load(rig_file)[0]
-        place = Place(session or Path(f"session-{rig.name}"))
     try:
-        from analysis.window.app import Window, app_of  # noqa: PLC0415
-        from analysis.window.controls import Controls  # noqa: PLC0415
-        from analysis.window.foxglove import Foxglove  # noqa: PLC0415
-        from analysis.window.made import Made  # noqa: PLC0415
-        from analysis.window.serve import listening, serve  # noqa: PLC0415
-        from analysis.window.shelf import Shelf  # noqa: PLC0415
-        from analysis.window.watcher import Watcher  # noqa: PLC0415
+        from analysis.window.run import Asked, run_window  # noqa: PLC0415
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn"):
             raise
         what = f"needs {error.name}, which is not installed"
         raise CellError("rig window", what, to_install("starlette uvicorn")) from None
-
-    sock = listening(listen, port)
-    shelf = Shelf(runs or (place.runs if place and place.file.exists() else Path("runs")))
-    stream = Foxglove(foxglove, rig) if foxglove is not None else None
-    watcher = Watcher(partial(find_socket, rig.name if rig else None), place, stream.show if stream else None)
-    controls = Controls(watcher, place, str(find(rig_file).resolve()) if rig_file else "") if control else None
-    with tempfile.TemporaryDirectory(prefix="rig-window-") as directory:
-        shown = f"[{listen}]" if ":" in listen else listen
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was made and started here is removed and ended
-        if stream is not None:
-            say(f"ws://127.0.0.1:{stream.port} for Foxglove")
-        say(f"http://{shown}:{sock.getsockname()[1]}{' with control' if control else ''}; Ctrl-C ends it")
-        try:
-            serve(app_of(Window(watcher, shelf, place, Made(Path(directory)), gate, controls)), sock, watcher.board.end)
-        finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was started here is ended in order
-            if controls is not None:
-                controls.close()
-            if stream is not None:
-                stream.close()
+    asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
+    run_window(asked, say)

@@ -28,6 +28,7 @@ from analysis.window.board import MOST_VIEWERS, Follow
 from analysis.window.controls import Controls
 from analysis.window.guard import COOKIE, Gate, Guard, form_of
 from analysis.window.made import Made, Wanted
+from analysis.window.metrics import metrics_of
 from analysis.window.shelf import MOST_SHOWN, Shelf, Shown
 from analysis.window.table_file import WRITERS
 from analysis.window.texts import NAMES, language_of, texts_of
@@ -81,6 +82,7 @@ def app_of(window: Window) -> Guard:
         Route("/compare", pages.compare),
         Route("/history/{robot}", pages.history),
         Route("/fleet", pages.fleet),
+        Route("/metrics", pages.metrics),
         Route("/made/{key}/{file:path}", pages.made),
         Route("/login", pages.login, methods=["GET", "POST"]),
         Route("/language", pages.language, methods=["POST"]),
@@ -203,6 +205,13 @@ class _Pages:
         shown, _ = self._window.shelf.runs()
         words = ("fleet", str(self._window.shelf.directory.resolve()), "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
         return self._made_page(request, words, shown[:_MOST_RUNS])
+
+    def metrics(self, request: Request) -> Response:
+        daemon = ""
+        with suppress(RigError):  # while there is none, its own are missing
+            daemon = str(self._window.watcher.ask("metrics")["text"])
+        text = daemon + metrics_of(self._window.shelf.runs()[0])
+        return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
     async def made(self, request: Request) -> Response:
         file = self._window.made.file(request.path_params["key"], request.path_params["file"])

@@ -19,7 +19,7 @@ from daq.store.manifest import is_run
 from daq.store.retention import RunInfo, look
 from rigs.errors import FileError, RigError
 from rigs.load import parse
-from rigs.schema.limits import Limits, Standing
+from rigs.schema.limits import Limit, Limits, Standing
 
 MOST_SHOWN = 300
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
@@ -27,10 +27,11 @@ _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a run: its name, value, and how it stands against its limit, None where it has none."""
+    """A figure of a run: its name, value and limit, and how it stands against that; None where it has none."""
 
     name: str
     value: Quantity
+    limit: Limit | None
     standing: Standing | None
 
 
@@ -121,7 +122,7 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
     for name in in_order(figures):
         limit = limits.of(record.test, name) if record else None
         one = figures[name]
-        judged.append(Figure(name, one, limit.standing(one.value, one.u) if limit else None))
+        judged.append(Figure(name, one, limit, limit.standing(one.value, one.u) if limit else None))
     return Shown(run.path.name, run.path, row(run, time.time()), record, tuple(judged))
 
 

@@ -175,6 +175,7 @@ function showLinks(told) {
 function showSession(told) {
   const next = told.next, key = `next_${next.key}`;
   put("next-words", words(key, next));
+  byId("next").hidden = next.key === "none" && Boolean(byId("live"));
   if (!byId("session")) return;
   byId("found").hidden = !told.headline;
   put("headline", told.headline ?? "");

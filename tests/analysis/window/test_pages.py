@@ -6,6 +6,7 @@ import asyncio
 import io
 import json
 import math
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator
@@ -49,6 +50,8 @@ PLACES = (
     "/report?run={}",
 )
 WINDOW = Path(__file__).parents[3] / "analysis" / "window"
+ROOT = WINDOW.parents[1]
+METRICS = ("daq/service/metrics.py", "analysis/window/metrics.py")
 TEMPLATES = WINDOW.parent / "templates" / "window"
 
 
@@ -72,6 +75,10 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert "damaged" in page.text and "pass" in page.text
     assert "good" in one.ask("/runs?q=yaw+good").text.split("<tbody>")[1]
     assert "There are no such runs." in one.ask("/runs?q=roll").text
+    told = one.ask("/metrics").text
+    figure = 'rig="ur10e",test="yaw",direction="acw",figure="band_deg"'
+    assert f"rig_figure{{{figure}}} 0." in told and f'rig_figure_limit{{{figure},bound="fail"}} 0.205' in told
+    assert f'rig_figure_standing{{{figure},standing="pass"}} 1' in told
     page = one.until("/compare?run=good&run=%3Cb%3Ebold", lambda answer: "<img" in answer.text)
     assert "+0.0" in page.text and "<b>bold" not in page.text
     assert "exactly two" in one.ask("/compare?run=good").text
@@ -227,3 +234,12 @@ def test_what_waits_is_bounded(one: Served, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("analysis.window.made.MOST_WAITING", 0)
     answer = one.ask("/report?run=good&diagnosis=1")
     assert answer.status == 409 and "try again" in answer.text
+
+
+def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:
+    dashboard = json.loads((ROOT / "docs" / "grafana-dashboard.json").read_text(encoding="utf-8"))
+    one.until("/runs", lambda answer: "error band" in answer.text)
+    sources = "".join((ROOT / name).read_text(encoding="utf-8") for name in METRICS)
+    queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    named = {name for query in queries for name in re.findall(r"rig_[a-z_]+", query)}
+    assert len(queries) > 8 and all(f'"{name}"' in sources for name in named), named
