@@ -35,7 +35,10 @@ def window(
     ] = None,
     name: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Host name under which it is reached, as behind a proxy; repeatable."),
+        typer.Option(
+            metavar="NAME",
+            help="Host name under which it is reached, as behind a proxy; repeatable; default: --listen.",
+        ),
     ] = None,
     control: Annotated[
         bool,

@@ -31,7 +31,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     },
     DESCRIPTION: {"type": "object", "title": DESCRIPTION, "properties": {"data": {"type": "string"}}},
 }
-"""By name; a position is in radians."""
+"""The schemas by name; a position is in radians."""
 
 
 def urdf_of(rig: Rig) -> str:

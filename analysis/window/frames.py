@@ -1,4 +1,4 @@
-"""What the live page is told of a view, as plain values: each kind by itself, so that only what has changed is sent.
+"""What the live page shows of a view, as plain values: each kind by itself, so that only what has changed is sent.
 
 The figures are those of `rig live --json`. Curves come in whole numbers of their last digit, which halves what is sent.
 """

@@ -39,7 +39,7 @@ class Wanted:
 
     @property
     def key(self) -> str:
-        """By what it is known: letters and digits."""
+        """The name under which it is known: letters and digits."""
         parts = [self.module, *self.arguments]
         for run in self.runs:
             for name in (MANIFEST, LEDGER):

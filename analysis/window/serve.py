@@ -17,9 +17,9 @@ from rigs.errors import CellError
 
 MOST_CONNECTIONS = 128
 """Twice as many as pages that follow at once need; a silent one makes room for a new one."""
-_HEAD_S = 5.0
+HEAD_S = 5.0
 """From the first byte of a request to the end of its head; on a network it takes milliseconds."""
-_SLOW_S = 10.0
+SLOW_S = 10.0
 """A browser that takes nothing of what waits for it for so long is dropped."""
 _KEPT = 1 << 16
 """Bytes that wait for a browser in the system, and as many here; a page has fewer."""
@@ -34,7 +34,7 @@ class Bounded(H11Protocol):
         super().connection_made(transport)
         transport.set_write_buffer_limits(_KEPT)
         self._slow: asyncio.TimerHandle | None = None
-        self._head: asyncio.TimerHandle | None = self.loop.call_later(_HEAD_S, transport.abort)
+        self._head: asyncio.TimerHandle | None = self.loop.call_later(HEAD_S, transport.abort)
         self._since_s = self.loop.time()
         there = [one for one in self.connections if isinstance(one, Bounded) and not one.transport.is_closing()]
         if len(there) > MOST_CONNECTIONS:
@@ -49,7 +49,7 @@ class Bounded(H11Protocol):
     def data_received(self, data: bytes) -> None:
         """Take bytes; their head must be whole in time."""
         if self._head is None and self.is_silent:
-            self._head = self.loop.call_later(_HEAD_S, self.transport.abort)
+            self._head = self.loop.call_later(HEAD_S, self.transport.abort)
         super().data_received(data)
         if not self.is_silent:
             self._stop_head()
@@ -69,7 +69,7 @@ class Bounded(H11Protocol):
         """Too much waits for the browser: it has some seconds to take it."""
         super().pause_writing()
         if self._slow is None:
-            self._slow = self.loop.call_later(_SLOW_S, self.transport.abort)
+            self._slow = self.loop.call_later(SLOW_S, self.transport.abort)
 
     def resume_writing(self) -> None:
         """The browser has taken it."""
@@ -101,7 +101,7 @@ def listening(address: str, port: int) -> socket.socket:
 
 
 class Server(uvicorn.Server):
-    """Serves until it is told to end; streams, which have no end of their own, are ended first."""
+    """Serves until it is asked to end; streams, which have no end of their own, are ended first."""
 
     def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
         super().__init__(config)

@@ -1,4 +1,4 @@
-"""What goes on in the cell, put on the board ten times a second, whoever looks; and what a person asks of rigd.
+"""What goes on in the cell, put on the board ten times a second, whether a page is open or not; and what a person asks of rigd.
 
 One client of rigd serves all browsers, so a further one costs the recorder nothing.
 """
@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from analysis.live.daemon_source import DaemonSource
-from analysis.live.view import LiveView
+from analysis.live.view import LiveView, Update
 from analysis.session.state import Place
 from analysis.window import frames
 from analysis.window.board import Board
@@ -26,19 +26,36 @@ _SLOW_TICKS = 5
 """Curves, trace and links are put up on each fifth tick, twice a second."""
 
 
+class Source(Protocol):
+    """Where updates come from, from when it is begun until it is ended."""
+
+    def begun(self) -> object:
+        """Begin."""
+
+    def updates(self) -> Sequence[Update]:
+        """Return what has come since the last call."""
+
+    def end(self) -> None:
+        """End."""
+
+
 class Watcher:
     """Follows the daemon and the session of a cell."""
 
     def __init__(
-        self, find: Callable[[], Path], place: Place | None, shows: Callable[[LiveView], None] | None = None
+        self,
+        find: Callable[[], Path],
+        place: Place | None,
+        shows: Callable[[LiveView], None] | None = None,
+        source: Source | None = None,
     ) -> None:
         """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
-        with each view, for who follows in another way."""
+        with each view, for who follows in another way. source: of what is watched, instead of that daemon."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
         self._find, self._place, self._shows = find, place, shows
-        self._source = DaemonSource(find)
+        self._source: Source = source or DaemonSource(find)
         self._session_seen: object = ...
         """The state of its file when it was read last; None where there was none."""
 

@@ -120,9 +120,7 @@ def served(
 ) -> Iterator[Served]:
     """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon."""
     place = Place(session) if session else None
-    watcher = Watcher(find, place)
-    if source is not None:
-        watcher._source = source
+    watcher = Watcher(find, place, source=source)
     controls = Controls(watcher, place, "") if control else None
     window = Window(watcher, Shelf(folder / "runs"), place, Made(folder / "made"), Gate.of([], token), controls)
     sock = listening("127.0.0.1", port)

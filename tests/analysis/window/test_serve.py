@@ -38,7 +38,7 @@ def ended(sock: socket.socket) -> bool:
 
 
 def test_silent_connections_make_room_and_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve, "_HEAD_S", 2.0)
+    monkeypatch.setattr(serve, "HEAD_S", 2.0)
     with served(tmp_path) as one, ExitStack() as stack:
         silent = [stack.enter_context(one.raw()) for _ in range(3 * serve.MOST_CONNECTIONS)]
         heard(one)
@@ -47,7 +47,7 @@ def test_silent_connections_make_room_and_are_closed(tmp_path: Path, monkeypatch
 
 
 def test_a_head_that_comes_drop_by_drop_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve, "_HEAD_S", 0.3)
+    monkeypatch.setattr(serve, "HEAD_S", 0.3)
     with served(tmp_path) as one, one.raw(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ") as sock:
         assert ended(sock)
         with one.raw(b"GET /static/icon.svg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as second:
@@ -59,7 +59,7 @@ def test_a_head_that_comes_drop_by_drop_is_not_waited_for(tmp_path: Path, monkey
 def test_a_reader_that_takes_nothing_is_dropped_and_starves_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serve, "_SLOW_S", 0.5)
+    monkeypatch.setattr(serve, "SLOW_S", 0.5)
     with served(tmp_path) as one, ExitStack() as stack:
         slow = []
         for _ in range(5):
