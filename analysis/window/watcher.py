@@ -1,4 +1,5 @@
-"""What goes on in the cell, put on the board ten times a second, whether a page is open or not; and what a person asks of rigd.
+"""What goes on in the cell, put on the board ten times a second, whether a page is open or not; and what a person asks
+of rigd.
 
 One client of rigd serves all browsers, so a further one costs the recorder nothing.
 """
