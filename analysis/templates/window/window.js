@@ -125,12 +125,15 @@ function showCircle() {
   showCurve("cw");
   const drawn = ["acw", "cw"].some((name) => known[name]?.band !== null && known[name]?.band !== undefined);
   put("reach", drawn ? words("reach", { size: `${Number(known.circle.scale.toPrecision(2))} ${known.cell?.unit ?? ""}` }) : "");
-  const turns = byId("turns"), list = known.circle.turned;
+  const turns = byId("turns"), list = known.circle.turned, taken = [];
   while (turns.children.length > list.length) turns.lastChild.remove();
   list.forEach(([axis, deg, sense], at) => {
     const mark = turns.children[at] ?? turns.appendChild(document.createElementNS("http://www.w3.org/2000/svg", "text"));
-    const near = list.slice(0, at).filter(([, other]) => Math.abs(((deg - other + 540) % 360) - 180) < 8).length;
-    const [x, y] = placed(deg - 7 * (near % 3), 1.2);
+    // Where another number stands already, this one moves along the circle to the next free place.
+    const free = [0, 7, -7, 14, -14, 21, -21, 28, -28].map((by) => deg + by).find((one) =>
+      taken.every((other) => Math.abs(((one - other + 540) % 360) - 180) >= 7)) ?? deg;
+    taken.push(free);
+    const [x, y] = placed(free, 1.2);
     mark.setAttribute("x", x);
     mark.setAttribute("y", y);
     mark.textContent = `${axis}`;
