@@ -34,6 +34,7 @@ from analysis.window.table_file import WRITERS
 from analysis.window.texts import NAMES, language_of, texts_of
 from analysis.window.watcher import Watcher
 from rigs.errors import RigError
+from rigs.schema.vocabulary import MAKERS
 
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
@@ -130,7 +131,9 @@ class _Pages:
         said: list[str] = []
         if self._window.controls is not None:
             said = await run_in_threadpool(self._window.controls.session_lines)
-        return self._page(request, "session.html", has_session=self._window.place is not None, said=said)
+        place = self._window.place
+        makers = MAKERS if place is not None and not place.file.exists() else ()
+        return self._page(request, "session.html", has_session=place is not None, said=said, makers=makers)
 
     def session_report(self, request: Request) -> Response:
         place = self._window.place

@@ -11,6 +11,7 @@ from analysis.session.processes import Child
 from analysis.session.state import Place
 from analysis.window.watcher import Watcher
 from rigs.errors import CellError, UseError
+from rigs.schema.vocabulary import MAKERS, Maker
 from rigs.text import plain
 
 _TAIL_BYTES = 4096
@@ -44,7 +45,8 @@ class Controls:
             case "restart":
                 watcher.restart()
             case "session":
-                return self._go_on(entered=bool(form.get("entered")))
+                maker = next((one for one in MAKERS if one == form.get("maker")), None)
+                return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 return None
         return ""
@@ -69,8 +71,8 @@ class Controls:
     def _log(self) -> Path | None:
         return self._place.directory / "window.log" if self._place else None
 
-    def _go_on(self, *, entered: bool) -> str:
-        """Begin the session, or go on with it, as `rig session` does."""
+    def _go_on(self, maker: Maker | None, *, entered: bool) -> str:
+        """Begin the session, or go on with it, as `rig session` does. maker: of the controller, for a new one."""
         if self._place is None or self._log is None:
             raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")
         with self._lock:
@@ -78,6 +80,8 @@ class Controls:
                 raise CellError(str(self._place.directory), "this session is under way", "look at what it says")
             kept = self._place.read()
             words = ["session", self._rig_file, "-o", str(self._place.directory)]
+            chosen = kept.maker if kept else maker
+            words += ["--for", chosen] if chosen else []
             words += ["--emulated"] if kept and kept.emulated else []
             words += ["--entered"] if entered else []
             self._session = Child.start("analysis.cli", "rig", words, self._log)

@@ -8,6 +8,7 @@ import json
 import math
 import re
 import shutil
+import time
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,12 +24,15 @@ from analysis.reporting.texts import LANGUAGES
 from analysis.session.state import Place, Session, Step, Try
 from analysis.window import frames
 from analysis.window.board import Board
+from analysis.window.controls import Controls
 from analysis.window.session import summary
 from analysis.window.texts import language_of, texts_of
+from analysis.window.watcher import Watcher
 from daq.store.marks import load_marks
+from rigs.errors import CellError
 from tests.support.session_cell import NAMED
 from tests.support.simulated_laps import lap_run, watched_lap
-from tests.support.windows import Served, served, told
+from tests.support.windows import Served, no_daemon, served, told
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -243,3 +247,20 @@ def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:
     queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
     named = {name for query in queries for name in re.findall(r"rig_[a-z_]+", query)}
     assert len(queries) > 8 and all(f'"{name}"' in sources for name in named), named
+
+
+def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_path: Path) -> None:
+    place = Place(tmp_path / "session")
+    controls = Controls(Watcher(no_daemon, place), place, str(tmp_path / "none.yaml"))
+    try:
+        said = controls.do("session", {"maker": "kuka", "entered": "1"})
+        assert said == f"rig session {tmp_path}/none.yaml -o {place.directory} --for kuka --entered"
+        end_s = time.monotonic() + 60
+        while not controls.session_lines():
+            assert time.monotonic() < end_s
+            time.sleep(0.1)
+        assert "none.yaml" in controls.session_lines()[-1]
+    finally:
+        controls.close()
+    with pytest.raises(CellError, match="without a cell"):
+        Controls(Watcher(no_daemon, None), None, "").do("session", {})
