@@ -87,7 +87,7 @@ class Gate:
 
     @property
     def pass_(self) -> str:
-        """What a browser holds that has shown the token; nothing leads back to the token, and no other process takes it."""
+        """What a browser that has shown the token holds; it leads back to no token and ends with the process."""
         return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
 
     def is_token(self, given: str) -> bool:
