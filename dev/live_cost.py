@@ -29,14 +29,18 @@ _FIRST_DRAWN_S = 2.5
 
 
 @contextmanager
-def _program(words: Sequence[str], folder: Path, ready: str, says_on: str) -> Iterator[subprocess.Popen[str]]:
-    """A program of ours from its line that contains `ready` on, ended at the end."""
+def program(
+    words: Sequence[str], folder: Path, ready: str, says_on: str, heard: list[str] | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """A program of ours from its line that contains `ready` on, ended at the end. heard: takes that line."""
     pipes = {"stdin": subprocess.PIPE, says_on: subprocess.PIPE}
     process = cast(subprocess.Popen[str], subprocess.Popen(words, cwd=folder, text=True, env=_env(folder), **pipes))  # type: ignore[call-overload]
     said = process.stdout or process.stderr
     assert said is not None
     try:
-        next(line for line in said if ready in line)
+        line = next(line for line in said if ready in line)
+        if heard is not None:
+            heard.append(line)
         threading.Thread(target=lambda: list(said), daemon=True).start()
         yield process
     finally:
@@ -105,8 +109,8 @@ def main(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         emulate = ["rig", "emulate", "ur10e", "--effects", "ur10e", "-o", "cell"]
-        cell = stack.enter_context(_program(emulate, folder, "ready", "stdout"))
-        stack.enter_context(_program(["rigd", "cell/rig.yaml", "--runs", "runs"], folder, "serving", "stderr"))
+        cell = stack.enter_context(program(emulate, folder, "ready", "stdout"))
+        stack.enter_context(program(["rigd", "cell/rig.yaml", "--runs", "runs"], folder, "serving", "stderr"))
         assert cell.stdin is not None
         with Client(folder / "rigd" / "ur10e.sock") as client:
             while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):

@@ -158,4 +158,5 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     runs,  # noqa: F401
     session,  # noqa: F401
     simulate,  # noqa: F401
+    window,  # noqa: F401
 )

@@ -38,7 +38,7 @@ class Command(TyperCommand):
 
 JOBS = {
     "Set up": ("example", "init", "check", "doctor", "interfaces", "arms", "import-urdf", "circle", "ball"),
-    "Measure": ("session", "plan", "program", "record", "automatic", "live", "status", "emulate", "replay"),
+    "Measure": ("session", "plan", "program", "record", "automatic", "live", "window", "status", "emulate", "replay"),
     "Understand": ("analyse", "report", "diagnose", "compare", "simulate", "history", "fleet", "paper"),
     "Correct": ("calibrate", "correct"),
     "Look after runs and daemon": ("runs", "verify", "recover", "relabel", "keep", "logs", "metrics"),

@@ -16,7 +16,7 @@ from analysis.cli.several import for_each
 if TYPE_CHECKING:
     from daq.store import Run
 
-Format = Literal["csv", "parquet", "mcap", "map"]
+Format = Literal["csv", "parquet", "xlsx", "mcap", "map"]
 
 
 @command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
@@ -25,7 +25,8 @@ def export(
     to: Annotated[
         Format,
         typer.Option(
-            help="Format: csv or parquet for the table, mcap for the raw streams, map for that of an imported table."
+            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map for that of an imported "
+            "table."
         ),
     ],
     output: Annotated[
@@ -33,7 +34,9 @@ def export(
         typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
     ],
 ) -> None:
-    """Write the table of each run as CSV or Parquet, its raw streams as MCAP, or the map by which it was imported."""
+    """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
+
+    Foxglove and PlotJuggler show an MCAP file."""
     from rigs.errors import FileError  # noqa: PLC0415
 
     if len(paths) == 1:
@@ -54,7 +57,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
-    from analysis.files.write import holding, write_csv, write_new, write_parquet  # noqa: PLC0415
+    from analysis.files.write import holding, write_csv, write_new, write_parquet, write_xlsx  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import durable, mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import CellError, RigError  # noqa: PLC0415
@@ -69,7 +72,8 @@ def _export(path: Path, to: Format, output: Path) -> None:
         else:
             measured = measured_of(run)
             doubts = measured.doubts
-            write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+            write = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}[to]
+            write_new(output, partial(write, measured.to_table()))
     for doubt in doubts:
         say(f"note: {doubt}", err=True)
     if to == "map":

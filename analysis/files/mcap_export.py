@@ -1,4 +1,5 @@
-"""A run as MCAP: one channel a stream, JSON messages with a schema, so that Foxglove and PlotJuggler plot them.
+"""A run as MCAP: one channel a stream, JSON messages with a schema, so that Foxglove and PlotJuggler plot them; and the
+arm with its joint angles, so that Foxglove shows it moving.
 
 Log times are wall-clock: each first-byte stamp moved by the manifest's clock anchor. Every column of the
 store is in the messages, stamps as they are. JSON knows no nan: such a value is left out of its message.
@@ -11,7 +12,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -20,12 +21,25 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
+from analysis.files.foxglove_arm import (
+    DESCRIPTION,
+    DESCRIPTION_TOPIC,
+    JOINT_STATES,
+    JOINTS_TOPIC,
+    SCHEMAS,
+    joint_states,
+    urdf_of,
+)
 from analysis.files.write import ROWS_AT_ONCE
 from daq.store import Run
 from daq.store.schema import FAULT_COLUMNS, FAULTS, TABLE
-from rigs.errors import FileError
+from rigs.errors import FileError, RigError
+from rigs.load import parse
+from rigs.rig import Rig
 
 _JSON_TYPES = {"double": "number", "int64": "integer", "int32": "integer", "string": "string"}
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+_ARM_CHANNELS = ((JOINTS_TOPIC, JOINT_STATES), (DESCRIPTION_TOPIC, DESCRIPTION))
 _END_NS = 2**64
 """Where the times of MCAP end."""
 
@@ -51,11 +65,46 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "rig.yaml", "application/yaml", run.manifest.rig_text.encode())
     writer.add_attachment(began, began, "manifest.json", "application/json", run.manifest.to_json())
-    streams = [_messages(table, _channel(writer, name, table), name, run) for name, table in _tables(run).items()]
+    tables = _tables(run)
+    streams = [_messages(table, _channel(writer, name, table), name, run) for name, table in tables.items()]
+    streams += _arm(writer, run, tables)
     for message in heapq.merge(*streams):
         data = json.dumps(message.values, allow_nan=False).encode()
         writer.add_message(message.channel, message.log_ns, data, message.log_ns, message.number)
     writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Iterator[_Message]]:
+    """The arm and its angles, where the run has both; its URDF is an attachment as well."""
+    name = next((name for name, table in tables.items() if set(_JOINTS) <= set(table.column_names)), None)
+    try:
+        rig = parse(run.manifest.rig_text, "the rig file of the run")
+    except RigError:
+        return []
+    if name is None or not (urdf := urdf_of(rig)):
+        return []
+    began = run.manifest.clock.unix_ns
+    writer.add_attachment(began, began, "robot.urdf", "application/xml", urdf.encode())
+    joints, described = (_json_channel(writer, *one) for one in _ARM_CHANNELS)
+    times = _log_times(name, tables[name], run)
+    first_ns = int(times.min(initial=_END_NS - 1)) if len(times) else began
+    return [iter([_Message(first_ns, described, 0, {"data": urdf})]), _angles(tables[name], times, joints, rig)]
+
+
+def _angles(table: pa.Table, times: NDArray[np.uint64], channel: int, rig: Rig) -> Iterator[_Message]:
+    """The joint angles of each row, in order of time."""
+    names = [axis.name for axis in rig.robot.axes]
+    q_deg = np.stack([table[joint].to_numpy() for joint in _JOINTS], axis=1)
+    for number in np.argsort(times, kind="stable").tolist():
+        at_ns = int(times[number])
+        yield _Message(at_ns, channel, number, joint_states(names, q_deg[number].tolist(), at_ns))
+
+
+def _json_channel(writer: Writer, topic: str, schema: str) -> int:
+    text = json.dumps(SCHEMAS[schema]).encode()
+    return writer.register_channel(
+        topic, MessageEncoding.JSON, writer.register_schema(schema, SchemaEncoding.JSONSchema, text)
+    )
 
 
 def _tables(run: Run) -> dict[str, pa.Table]:

@@ -122,7 +122,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
         raise FileError(
-            where, "is a workbook, and openpyxl is not installed", "pip install 'rig[tables]', or save the sheet as CSV"
+            where, "is a workbook, and openpyxl is not installed", "pip install 'rig[xlsx]', or save the sheet as CSV"
         ) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

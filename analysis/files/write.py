@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 from collections.abc import Callable, Mapping
@@ -12,13 +13,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
 from rigs.errors import CellError, FileError
-from rigs.text import plain_lines
+from rigs.text import plain_lines, to_install
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS_AT_ONCE = 65_536
 """Rows of a table that are in memory as Python's own numbers, which take some ten times the memory of an array's."""
+_SHEET_ROWS = 1_048_576
+"""Rows of a sheet, its header among them (Excel specifications and limits, Microsoft)."""
 Writer = Callable[[BinaryIO], object]
 """Puts what a file holds into it."""
 
@@ -139,6 +142,39 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
         columns = [map(_cell, column.to_pylist()) for column in batch.columns]
         file.writelines((",".join(row) + "\n").encode() for row in zip(*columns, strict=True))
+
+
+def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
+    """The table as a workbook with one sheet, its header kept in sight; text is text, never a formula or a link.
+
+    Raises FileError for more rows than a sheet has, and CellError where the library is missing.
+    """
+    try:
+        import openpyxl  # noqa: PLC0415 - an extra, and slow to import
+    except ModuleNotFoundError:
+        raise CellError("xlsx", "needs openpyxl, which is not installed", to_install("openpyxl")) from None
+    if table.num_rows >= _SHEET_ROWS:
+        what = f"has {table.num_rows} rows, and a sheet holds {_SHEET_ROWS - 1}"
+        raise FileError("xlsx", what, "export it as csv or parquet")
+    book = openpyxl.Workbook(write_only=True)
+    sheet = book.create_sheet("table")
+    sheet.freeze_panes = "A2"
+    sheet.append([_in_sheet(sheet, name) for name in table.column_names])
+    for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+        for row in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+            sheet.append([_in_sheet(sheet, value) for value in row])
+    book.save(file)
+
+
+def _in_sheet(sheet: Any, value: Any) -> Any:
+    """What stands in a cell of a sheet; what is unknown leaves it empty."""
+    if isinstance(value, str):
+        from openpyxl.cell import WriteOnlyCell  # noqa: PLC0415
+
+        cell = WriteOnlyCell(sheet, plain_lines(value))
+        cell.data_type = "s"  # also where it begins as a formula
+        return cell
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _cell(value: Any) -> str:

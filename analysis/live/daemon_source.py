@@ -71,10 +71,11 @@ class Asking:
 
 
 class DaemonSource:
-    """A daemon by its socket; it may go and come back."""
+    """A daemon by its socket, or by what finds it each time; it may go and come back."""
 
-    def __init__(self, socket: Path) -> None:
-        self._socket = socket
+    def __init__(self, socket: Path | Callable[[], Path]) -> None:
+        """socket: where it is; a function raises CellError while there is none."""
+        self._find = socket if callable(socket) else lambda: socket
         self._updates: SimpleQueue[Update] = SimpleQueue()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._ask, name="ask rigd", daemon=True)
@@ -82,12 +83,20 @@ class DaemonSource:
 
     def __enter__(self) -> DaemonSource:
         """Begin to ask. Raises CellError where no daemon answers now."""
-        with Client(self._socket):
+        with Client(self._find()):
             pass
+        return self.begun()
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def begun(self) -> DaemonSource:
+        """Begin to ask, also where no daemon answers yet."""
         self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def end(self) -> None:
+        """Ask no more."""
         self._ended.set()
 
     def updates(self) -> list[Update]:
@@ -108,7 +117,7 @@ class DaemonSource:
 
         def ask() -> None:
             try:
-                with Client(self._socket) as client:
+                with Client(self._find()) as client:
                     notice = told(client.ask(command, **fields))
             except RigError as error:
                 notice = str(error)
@@ -121,7 +130,7 @@ class DaemonSource:
         signs: Sequence[int] = (1, 1)
         while not self._ended.is_set():
             try:
-                with Client(self._socket) as client:
+                with Client(self._find()) as client:
                     asking = Asking(client, rig_lines, signs)
                     while not self._ended.wait(_ASK_S):
                         if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S

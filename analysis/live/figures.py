@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -39,6 +40,33 @@ def phi_deg(view: LiveView) -> float | None:
 def lap_share(view: LiveView) -> float | None:
     """Return how much of the present lap is driven; None where the tool does not move along the circle."""
     return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
+
+
+@dataclass(frozen=True)
+class LapState:
+    """Where the tool is in its laps. place: `lap` and `lead_in` have the number of the lap, from 1, and its share that
+    is driven; `stands`: on the circle, without motion along it; `off`: not on the circle."""
+
+    place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
+    number: int = 0
+    share: float = 0.0
+
+
+def lap_state(view: LiveView) -> LapState:
+    """Return where the tool is in its laps."""
+    if view.cell is None or view.cell.frame is None:
+        return LapState("no_circle")
+    if phi_deg(view) is None:
+        return LapState("off")
+    share, sense = lap_share(view), view.lap.sense
+    if share is None:
+        return LapState("stands")
+    if view.direction is not None and view.direction != {1: "acw", -1: "cw"}[sense]:
+        return LapState("way_back")
+    number = 1 + (view.lap.acw if sense > 0 else view.lap.cw) + max(0, math.floor(share))
+    if view.direction is not None and number > view.cell.laps:
+        return LapState("lead_out")
+    return LapState("lead_in", number) if share < 0 else LapState("lap", number, share % 1)
 
 
 def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:

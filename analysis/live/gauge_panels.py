@@ -9,7 +9,7 @@ import numpy as np
 from analysis.live.canvas import Area
 from analysis.live.colours import ANGLE_COLOUR, GAUGE_COLOURS, direction_colour
 from analysis.live.controls import Controls, Units
-from analysis.live.figures import OLD_S, angle_deg, angle_name, lap_share, phi_deg
+from analysis.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg
 from analysis.live.large_digits import height_of, put_large, width_of
 from analysis.live.view import LiveView
 
@@ -70,31 +70,27 @@ def draw_angle(area: Area, view: LiveView, controls: Controls, scale: int) -> No
 
 def draw_lap(area: Area, view: LiveView) -> None:
     """Draw the circle angle and the progress of the lap in one row, or why there is none."""
-    phi, share = phi_deg(view), lap_share(view)
-    if view.cell is None or view.cell.frame is None:
+    phi, lap = phi_deg(view), lap_state(view)
+    if view.cell is None or lap.place == "no_circle":
         area.put(0, 1, "no circle test in the rig file" if view.cell else "", "dim")
         return
     if phi is None:
         area.put(0, 1, "φ –  the tool is not on the circle", "dim")
         return
     column = area.put(0, 1, f"φ {phi:5.1f}°", "bold")
-    if share is None:
+    if lap.place == "stands":
         area.put(0, column + 2, "stands", "dim")
         return
     column = area.put(0, column + 2, {1: "acw ↺", -1: "cw ↻"}[view.lap.sense], direction_colour(view.lap.sense))
-    if view.direction is not None and view.direction != {1: "acw", -1: "cw"}[view.lap.sense]:
-        area.put(0, column + 1, "way back")
+    if lap.place in ("way_back", "lead_out"):
+        area.put(0, column + 1, {"way_back": "way back", "lead_out": "lead-out"}[lap.place])
         return
-    lap = 1 + (view.lap.acw if view.lap.sense > 0 else view.lap.cw) + max(0, math.floor(share))
-    if view.direction is not None and lap > view.cell.laps:
-        area.put(0, column + 1, "lead-out")
-        return
-    words = f"lap {lap}" + (f" of {view.cell.laps}" if view.direction else "")
+    words = f"lap {lap.number}" + (f" of {view.cell.laps}" if view.direction else "")
     column = area.put(0, column + 1, words) + 1
-    part = "lead-in" if share < 0 else f"{100 * (share % 1):3.0f} %"
+    part = "lead-in" if lap.place == "lead_in" else f"{100 * lap.share:3.0f} %"
     width = min(30, area.width - column - len(part) - 2)
     if width > 3:
-        full = round(width * min(max(share % 1 if share >= 0 else 0.0, 0.0), 1.0))
+        full = round(width * lap.share)
         column = area.put(0, column, "█" * full + "░" * (width - full), direction_colour(view.lap.sense)) + 1
     area.put(0, column, part)
 

@@ -86,7 +86,7 @@ def draw_events(area: Area, view: LiveView) -> None:
     area.put(0, 1, "what happened", "bold")
     now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
     for row, event in enumerate(reversed(view.events[-max(0, area.height - 1) :] if area.height > 1 else ()), start=1):
-        area.put(row, 1, f"{now_s - event.t_s:6.1f} s ago  {_words(event, view)}", _style(event))
+        area.put(row, 1, f"{now_s - event.t_s:6.1f} s ago  {event_words(event, view)}", _style(event))
 
 
 def draw_links(area: Area, view: LiveView) -> None:
@@ -172,7 +172,8 @@ def _room(area: Area, row: int, state: dict[str, Any]) -> None:
         area.put(row, column, f"on the disk: {synced}", "dim")
 
 
-def _words(event: Event, view: LiveView) -> str:
+def event_words(event: Event, view: LiveView) -> str:
+    """Return what happened, in words."""
     if event.reversal is None:
         return event.words
     one = event.reversal

@@ -1,21 +1,18 @@
-"""A daemon's status as metrics for Prometheus (text format 0.0.4, prometheus.io/docs/instrumenting/exposition_formats).
+"""A daemon's status as metrics for Prometheus.
 
 Counters begin at zero with the daemon, and every kind of fault is there from the first: a rate needs a value before.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from daq.acquisition.host_clock import HOST
 from daq.protocol.conversation import FaultKind
-from rigs.text import plain_lines
+from daq.service.exposition import Labels, Metric, render
 
 Status = Mapping[str, Any]
-Labels = Mapping[str, str]
 _RETENTION = {
     "runs": ("rig_runs", "gauge", "Runs of this rig on the disk."),
     "bytes": ("rig_runs_bytes", "gauge", "Bytes of these runs."),
@@ -114,44 +111,3 @@ def _automatic(automatic: Status | None) -> Iterator[Metric]:
 
 def _one(name: str, words: str, value: float | None) -> Metric:
     return Metric(name, "gauge", words, () if value is None else (({}, value),))
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A metric: one name with its values. A counter's name ends in `_total`, and a unit is in the name."""
-
-    name: str
-    kind: Literal["gauge", "counter"]
-    help: str
-    values: tuple[tuple[Labels, float], ...]
-
-
-def render(metrics: Iterable[Metric]) -> str:
-    """Return the text of metrics, without those that have no value."""
-    return "".join(_block(metric) for metric in metrics if metric.values)
-
-
-def _block(metric: Metric) -> str:
-    head = f"# HELP {metric.name} {_escaped(metric.help)}\n# TYPE {metric.name} {metric.kind}\n"
-    return head + "".join(f"{metric.name}{_labels(labels)} {_number(value)}\n" for labels, value in metric.values)
-
-
-def _labels(labels: Labels) -> str:
-    written = ",".join(f'{name}="{_quoted(value)}"' for name, value in labels.items())
-    return f"{{{written}}}" if written else ""
-
-
-def _escaped(text: str) -> str:
-    return plain_lines(text).replace("\\", r"\\").replace("\n", r"\n")
-
-
-def _quoted(text: str) -> str:
-    return _escaped(text).replace('"', r"\"")
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "+Inf" if value > 0 else "-Inf"
-    return repr(value) if isinstance(value, float) and not value.is_integer() else str(int(value))

@@ -153,6 +153,7 @@ _KNOWN = {
     "reporting/html_page.py": "the parent of a file that durable.replace writes",
     "reporting/page/pdf.py": "the same",
     "reporting/page/still_chart.py": "a picture in memory",
+    "window/made.py": "directories in a temporary one",
 }
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import time
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -14,7 +17,7 @@ from analysis.arms.ur_calibration import read_calibration
 from analysis.arms.urdf import import_urdf
 from analysis.files.formulas import as_it_was, no_formula
 from analysis.files.read import parse_csv
-from analysis.files.write import write_csv
+from analysis.files.write import write_csv, write_xlsx
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.table_cases import csv_text, plain
@@ -78,6 +81,22 @@ def test_no_cell_and_no_header_of_a_csv_file_is_a_formula() -> None:
     names, *rows = csv.reader(io.StringIO(out.getvalue().decode(), newline=""))
     assert names == ["'=head", "value"]
     assert all(text[0] not in "=+-@\t" and value == "-1.0" for text, value in rows)
+
+
+def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
+    texts = [*FORMULAS, "http://evil.example", "\x1b[31m"]
+    table = pa.table({"=head": texts, "value": [math.nan, 0.1, *[-1.0] * (len(texts) - 2)]})
+    out = io.BytesIO()
+    write_xlsx(table, out)
+    book = zipfile.ZipFile(out)
+    sheet = book.read("xl/worksheets/sheet1.xml").decode()
+    assert "<f>" not in sheet and "hyperlink" not in sheet and "\x1b" not in sheet
+    assert sheet.count("<row ") == len(texts) + 1 and sheet.count("<v>") == len(texts) - 1, "what is unknown is empty"
+
+
+def test_more_rows_than_a_sheet_has_are_refused() -> None:
+    with pytest.raises(FileError, match="export it as csv or parquet"):
+        write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 
 def test_notes_of_a_table_come_back(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from daq.acquisition.clock_drift import DriftMonitor
 from daq.protocol.conversation import NO_TIME, FaultKind, Sample
+from daq.service.exposition import Metric, render
 from daq.service.maintenance import Maintenance, write_atomically
-from daq.service.metrics import Metric, render
 from rigs.errors import CellError
 from rigs.text import plain_lines
 from tests.support.bench import Bench

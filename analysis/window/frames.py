@@ -1,0 +1,137 @@
+"""What the live page shows of a view, as plain values: each kind by itself, so that only what has changed is sent.
+
+The figures are those of `rig live --json`. Curves come in whole numbers of their last digit, which halves what is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.live.circle_panel import scale_of
+from analysis.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
+from analysis.live.sweeps import ErrorCurve, pieces
+from analysis.live.text_panels import event_words
+from analysis.live.view import LiveView
+
+TRACE_S = 30.0
+_TRACE_POINTS = 240
+_CURVE_POINTS = 360
+_EVENTS = 12
+_REVERSALS = 24
+"""Reversals that are marked on the circle: the last of some two laps."""
+_ONE_PLACE_DEG = 5.0
+_PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
+
+
+def cell(view: LiveView) -> dict[str, Any]:
+    """What stays as long as the rig file does."""
+    if view.cell is None:
+        return {}
+    return {
+        "name": view.cell.name,
+        "axes": list(view.cell.axes),
+        "unit": "°" if view.cell.has_angle else "mm",
+        "circle": view.cell.frame is not None,
+        "start_deg": math.degrees(view.cell.start_rad),
+        "laps": view.cell.laps,
+        "range_mm": [list(one) if one else None for one in view.cell.range_mm],
+    }
+
+
+def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, Any]:
+    """The present figures, less the zeros of both gauges; tick: counts, so that each differs from the last."""
+    lap, state = lap_state(view), view.state or {}
+    return {
+        **figures(view),
+        "tick": tick,
+        "at_s": float(view.rows.t_s[-1]) if len(view.rows) else None,
+        "zero_mm": list(zero_mm) if any(zero_mm) else None,
+        "angle_deg": angle_deg(view, zero_mm),
+        "angle_name": angle_name(view),
+        "lap": {"place": lap.place, "number": lap.number, "share": round(lap.share, 4)},
+        "seconds": state.get("seconds") if view.name else None,
+        "old_s": OLD_S,
+    }
+
+
+def curve(found: ErrorCurve) -> dict[str, Any]:
+    """An error curve: its pieces as places in tenths of a degree and errors in hundred-thousandths of its unit."""
+    step = max(1, math.ceil(len(found.phi) / _CURVE_POINTS))
+    return {
+        "band": round(found.band, 6) if len(found.phi) else None,
+        "whole": found.is_whole,
+        "less_sine": found.less_sine,
+        "pieces": [
+            [
+                _whole(np.degrees(found.phi[piece])[::step] * _PHI_PER_DEG),
+                _whole(found.error[piece][::step] * _ERROR_PER_UNIT),
+            ]
+            for piece in pieces(found)
+        ],
+    }
+
+
+def curves(view: LiveView) -> dict[str, dict[str, Any]]:
+    """Both curves by direction, and the circle: its scale, and where joints turned back."""
+    both = shown_curves(view)
+    turned: list[list[float]] = []
+    for one in reversed(view.reversals[-_REVERSALS:]):
+        mark = [one.axis, round(math.degrees(one.phi_rad), 1), one.sense]
+        if math.isfinite(one.phi_rad) and not any(_is_same(mark, other) for other in turned):
+            turned.append(mark)
+    return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
+
+
+def _is_same(mark: list[float], other: list[float]) -> bool:
+    """Whether two reversals are those of one joint at one place, in two laps."""
+    apart = abs(math.remainder(mark[1] - other[1], 360.0))
+    return (mark[0], mark[2]) == (other[0], other[2]) and apart < _ONE_PLACE_DEG
+
+
+def trace(view: LiveView) -> dict[str, Any]:
+    """The readings of the last seconds: times before now in hundredths of a second, and each gauge less its mean over
+    them in tenths of a micrometre, null where there is none."""
+    recent = view.since(TRACE_S)
+    recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
+    if not len(recent):
+        return {"t": [], "g": [[], []]}
+    return {"t": _whole((recent.t_s - recent.t_s[-1]) * 100), "g": [_line(recent.g_mm[:, k]) for k in range(2)]}
+
+
+def links(view: LiveView) -> dict[str, Any]:
+    """Streams, disk and what happened, the latest first."""
+    state = view.state or {}
+    streams = [
+        {
+            "name": name,
+            "connected": one["connected"],
+            "rate_hz": round(one["rate_hz"], 1),
+            "faults": ", ".join(f"{count} {kind}" for kind, count in one["counters"].items() if kind != "samples"),
+            "last_fault": one["last_fault"],
+        }
+        for name, one in state.get("streams", {}).items()
+    ]
+    disk = state.get("disk")
+    return {
+        "streams": streams,
+        "disk": {"free": disk["free_bytes"], "size": disk["size_bytes"]} if disk else None,
+        "last_end": state.get("last_end") or "",
+        "events": [[round(one.t_s, 1), event_words(one, view)] for one in reversed(view.events[-_EVENTS:])],
+    }
+
+
+def _line(mm: Array) -> list[int | None]:
+    there = np.isfinite(mm)
+    if not there.any():
+        return []
+    less = np.where(there, mm - mm[there].mean(), 0.0) * _UM_TENTHS_PER_MM
+    return [round(value) if known else None for value, known in zip(less.tolist(), there.tolist(), strict=True)]
+
+
+def _whole(values: Array) -> list[int]:
+    found: list[int] = np.rint(values).astype(int).tolist()
+    return found

@@ -1,0 +1,189 @@
+"""Who may see a page, and from where: host, origin, token and size of each request, before anything else looks at it.
+
+A browser sends requests for any page that a person has open. So the name under which the window is asked for must be
+one of its own (a foreign name that leads to this computer is refused), a request that another site caused is refused,
+and what controls the cell must come from a page of the window itself and hold the secret that only these know.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ipaddress
+import secrets
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rigs.errors import FileError, UseError
+from rigs.files import read_text
+
+COOKIE = "rig_window"
+LOGIN = "/login"
+MOST_BODY = 4096
+"""Bytes of a form; a label with every field full has some 300."""
+_BODY_S = 5.0
+_LEAST_TOKEN = 16
+_MOST_TOKEN = 1024
+_OPEN = ("/static/", LOGIN)
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+    "cache-control": "no-store",
+}
+
+
+def token_of(file: Path) -> str:
+    """Return the token that a file holds. Raises FileError where it cannot be read or is too short to be one."""
+    try:
+        token = read_text(file, _MOST_TOKEN).strip()
+    except OSError as error:
+        raise FileError(str(file), error.strerror or str(error), "give the file that holds the token") from None
+    if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
+        what = f"holds no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
+        raise FileError(str(file), what, "make one: openssl rand -hex 24 > FILE, and chmod 600 FILE")
+    if file.stat().st_mode & 0o007:
+        raise FileError(str(file), "can be read by every user of this computer", f"chmod 600 {file}")
+    return token
+
+
+def is_loopback(address: str) -> bool:
+    """Whether only programs of this computer reach an address. Raises UseError where it is none."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        remedy = "give an address of this computer, as 192.168.1.5, or 0.0.0.0 for all of them"
+        raise UseError("--listen", f"{address!r} is no IP address", remedy) from None
+
+
+@dataclass(frozen=True)
+class Gate:
+    """names: of the hosts under which the window may be asked for; token: None where none is needed; secret: of this
+    process, in every form that controls something."""
+
+    names: frozenset[str]
+    token: str | None = None
+    secret: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+
+    @classmethod
+    def of(cls, names: Iterable[str], token: str | None) -> Gate:
+        """Return the gate of a window that is asked for under these names, and as this computer itself."""
+        return cls(frozenset(name.lower() for name in (*_LOOPBACK, *names)), token)
+
+    @property
+    def pass_(self) -> str:
+        """What a browser that has shown the token holds; it leads back to no token and ends with the process."""
+        return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
+
+    def is_token(self, given: str) -> bool:
+        """Whether this is the token, in the same time whatever is given."""
+        return self.token is not None and _same(given, self.token)
+
+    def is_let_in(self, headers: Mapping[str, str]) -> bool:
+        """Whether a request shows the token or the pass."""
+        if self.token is None:
+            return True
+        kind, _, given = headers.get("authorization", "").partition(" ")
+        return (kind.lower() == "bearer" and self.is_token(given.strip())) or _same(_cookie(headers), self.pass_)
+
+    def is_own_form(self, form: Mapping[str, str]) -> bool:
+        """Whether a form was made by this process."""
+        return _same(form.get("secret", ""), self.secret)
+
+    def wrong(self, scope: Scope) -> tuple[int, str]:
+        """Return the status and the reason for which a request is refused, 0 and nothing where it is not."""
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if _name(host) not in self.names:
+            return 421, "This window is not served under that name; rig window --name NAME allows one."
+        origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
+        is_own = urlsplit(origin).netloc == host if origin else site in ("same-origin", "none")
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return 405, "Only GET and POST are answered."
+        if not is_own or site == "cross-site" or (scope["method"] == "POST" and not origin):
+            return 403, "Another site has asked for this; type the address of the window instead."
+        if int(headers.get("content-length", "0") or 0) > MOST_BODY:
+            return 413, f"A request holds at most {MOST_BODY} bytes."
+        return 0, ""
+
+
+class Guard:
+    """Lets through what a gate lets through, and adds what a browser must not do with the answer."""
+
+    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+        self._app, self._gate = app, gate
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_held(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                given = {name.lower() for name, _ in message.get("headers", [])}
+                own = {"content-security-policy": _POLICY, **_HEADERS}
+                more = [(k.encode(), v.encode()) for k, v in own.items() if k.encode() not in given]
+                message = {**message, "headers": [*message.get("headers", []), *more]}
+            await send(message)
+
+        app = self._app
+        status, why = _status_of(self._gate, scope)
+        if status:
+            app = PlainTextResponse(why, status)
+        elif not self._gate.is_let_in(Headers(scope=scope)) and not scope["path"].startswith(_OPEN):
+            is_page = "text/html" in Headers(scope=scope).get("accept", "") and scope["method"] == "GET"
+            app = RedirectResponse(LOGIN, 303) if is_page else PlainTextResponse("The token is needed.", 401)
+        await app(scope, receive, send_held)
+
+
+async def form_of(request: Request) -> dict[str, str]:
+    """Return the fields of a form. Raises ValueError for one that is too long or none, TimeoutError for a slow one."""
+    body = b""
+    async with asyncio.timeout(_BODY_S):
+        async for piece in request.stream():
+            body += piece
+            if len(body) > MOST_BODY:
+                raise ValueError(f"a form holds at most {MOST_BODY} bytes")
+    return dict(parse_qsl(body.decode("utf-8"), max_num_fields=20, keep_blank_values=True))
+
+
+def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
+    if scope["type"] != "http":
+        return 426, "Only HTTP is answered."
+    try:
+        return gate.wrong(scope)
+    except ValueError:
+        return 400, "The request is not understood."
+
+
+def _name(host: str) -> str:
+    """The name in a Host header, without port; an address of version 6 without its brackets."""
+    return (urlsplit(f"//{host}").hostname or "").lower()
+
+
+def _cookie(headers: Mapping[str, str]) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return ""
+    return found.value if found else ""
+
+
+def _same(one: str, other: str) -> bool:
+    return hmac.compare_digest(one.encode("utf-8", "surrogateescape"), other.encode())

@@ -1,0 +1,131 @@
+"""Pages, pictures and tables that commands make for a browser: in processes of their own, one after the other.
+
+So an hour of diagnosis neither delays the live page nor the recorder, and what a page shows is what the command writes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import threading
+from collections import OrderedDict
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.session.processes import Child
+from daq import clock
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST
+from rigs.errors import CellError, FileError
+
+MOST_WAITING = 8
+_MOST_KEPT = 40
+"""Results that are kept until older ones go; a report has 2 MB."""
+_LONGEST_S = 1800.0
+"""A diagnosis of many runs takes minutes."""
+_NICE = 10
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is made by the `main` of a module, called as a program with arguments; `{out}` in them is the directory of
+    what is made. runs: of which it is made, so that it is made again when they change."""
+
+    module: str
+    arguments: tuple[str, ...]
+    runs: tuple[Path, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """The name under which it is known: letters and digits."""
+        parts = [self.module, *self.arguments]
+        for run in self.runs:
+            for name in (MANIFEST, LEDGER):
+                with suppress(OSError):
+                    status = (run / name).stat()
+                    parts.append(f"{run / name} {status.st_mtime_ns} {status.st_size}")
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+class Made:
+    """What has been made, what is being made and what waits, in a directory that ends with this process."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._lock = threading.Lock()
+        self._waiting: OrderedDict[str, Wanted] = OrderedDict()
+        self._done: OrderedDict[str, str] = OrderedDict()
+        """Keys with what went wrong, empty where nothing did."""
+        self._current: tuple[str, Child, float] | None = None
+
+    def get(self, wanted: Wanted) -> Path | None:
+        """Return the directory of what is wanted, None while it is not ready.
+
+        Raises FileError once where it could not be made, and CellError where too much waits already.
+        """
+        key = wanted.key
+        with self._lock:
+            self._advance()
+            if key in self._done:
+                self._done.move_to_end(key)
+                why = self._done[key]
+                if not why:
+                    return self._directory / key
+                del self._done[key]
+                raise FileError(wanted.arguments[0], why, "see the runs, or try again")
+            if key not in self._waiting and (self._current is None or self._current[0] != key):
+                if len(self._waiting) >= MOST_WAITING:
+                    raise CellError("rig window", "other pages are being made", "try again in a minute")
+                self._waiting[key] = wanted
+                self._advance()
+            return None
+
+    def file(self, key: str, name: str) -> Path | None:
+        """Return a file that was made by its path, None where there is none."""
+        with self._lock:
+            if self._done.get(key) != "":
+                return None
+            place = self._directory / key
+            files = {path.relative_to(place).as_posix(): path for path in place.rglob("*") if path.is_file()}
+        return files.get(name)
+
+    def close(self) -> None:
+        """End what is being made."""
+        with self._lock:
+            self._waiting.clear()
+            if self._current is not None:
+                self._current[1].stop()
+                self._current = None
+
+    def _advance(self) -> None:
+        """Take in what has ended, and begin the next."""
+        if self._current is not None:
+            key, child, began_s = self._current
+            if child.runs and clock.now_s() - began_s < _LONGEST_S:
+                return
+            took_too_long = child.runs
+            child.stop()
+            self._current = None
+            # What could be made of the good runs is shown, although others were refused.
+            is_made = any((self._directory / key).iterdir())
+            said = "" if is_made else _error_in(child.log) or child.ended().what
+            self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else said
+            while len(self._done) > _MOST_KEPT:
+                old, _ = self._done.popitem(last=False)
+                shutil.rmtree(self._directory / old, ignore_errors=True)
+        if self._waiting:
+            key, wanted = self._waiting.popitem(last=False)
+            out = self._directory / key
+            shutil.rmtree(out, ignore_errors=True)
+            out.mkdir(parents=True)
+            arguments = [one.replace("{out}", str(out)) for one in wanted.arguments]
+            log = self._directory / f"{key}.log"
+            self._current = key, Child.start(wanted.module, "rig", arguments, log, nice=_NICE), clock.now_s()
+
+
+def _error_in(log: Path) -> str:
+    """The error that a command has reported, empty where it has none."""
+    lines = log.read_text("utf-8", "replace").splitlines()
+    return next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")

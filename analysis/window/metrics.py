@@ -1,0 +1,52 @@
+"""The figures of the newest runs and their limits for Prometheus, beside what the daemon counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from analysis.window.shelf import Figure, Shown
+from daq.service.exposition import Labels, Metric, render
+from rigs.schema.limits import Standing
+
+_STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
+
+
+def metrics_of(runs: Iterable[Shown]) -> str:
+    """Return the leading figures and those with a limit of the newest run of each rig, test and direction.
+
+    runs: the newest first.
+    """
+    newest: dict[tuple[str, ...], Shown] = {}
+    for run in runs:
+        if run.figures and run.record is not None:
+            newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)
+    return render(_metrics(list(newest.values())))
+
+
+def _metrics(runs: list[Shown]) -> Iterator[Metric]:
+    shown = [(_labels(run, one), one) for run in runs for one in run.figures if one.limit or one in run.leading]
+    values = tuple((labels, one.value.value) for labels, one in shown)
+    yield Metric("rig_figure", "gauge", "Figure of the newest run of each test, in the unit of its name.", values)
+    u = tuple((labels, one.value.u) for labels, one in shown)
+    yield Metric("rig_figure_uncertainty", "gauge", "Its standard uncertainty.", u)
+    limits = tuple(
+        ({**labels, "bound": name}, bound)
+        for labels, one in shown
+        if one.limit
+        for name, bound in (("watch", one.limit.watch), ("fail", one.limit.fail))
+        if bound is not None
+    )
+    yield Metric("rig_figure_limit", "gauge", "Limits of the rig file: from watch on, and beyond fail.", limits)
+    standings = tuple(
+        ({**labels, "standing": name}, float(one.standing == name))
+        for labels, one in shown
+        if one.standing
+        for name in _STANDINGS
+    )
+    yield Metric("rig_figure_standing", "gauge", "1 for how the figure stands against its limits.", standings)
+
+
+def _labels(run: Shown, one: Figure) -> Labels:
+    assert run.record is not None  # noqa: S101 - of runs with figures
+    record = run.record
+    return {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": one.name}

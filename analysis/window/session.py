@@ -1,0 +1,74 @@
+"""A session as a page shows it: what comes next, what was driven, what was found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from analysis.session.guide import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
+from analysis.session.state import PathError, Session
+
+_BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
+
+
+def summary(session: Session) -> dict[str, Any]:
+    """Return a session as plain values; its texts stay as the session says them."""
+    answer, correction, verified = session.answer, session.correction, session.verified
+    return {
+        "rig": session.rig,
+        "began": session.began,
+        "next": _next(session),
+        "steps": [
+            {
+                "program": step.program,
+                "state": "driven" if step.run else "skipped" if step.skipped else "again" if step.tries else "open",
+                "run": step.run or "",
+                "why": step.skipped or (step.tries[-1].why if step.tries and not step.run else ""),
+            }
+            for step in session.steps
+        ],
+        "headline": answer.headline if answer else "",
+        "accuracy": answer.accuracy if answer else "",
+        "runs": answer.runs if answer else 0,
+        "parts": [
+            {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}
+            for one in (answer.parts if answer else ())
+        ],
+        "remedies": list(answer.remedies) if answer else [],
+        "correction": correction.sentence if correction else "",
+        "before_after": [
+            {"where": where, "before": _error(before), "after": _error(after)}
+            for where, before, after in (
+                ("same", verified.same_before, verified.same_after),
+                ("elsewhere", verified.elsewhere_before, verified.elsewhere_after),
+            )
+            if before
+        ]
+        if verified
+        else [],
+        "report": session.report,
+    }
+
+
+def _next(session: Session) -> dict[str, Any]:
+    """What comes next: its key among the texts, and what that text names."""
+    following = next_of(session)
+    match following:
+        case Drive(number):
+            step = session.steps[number]
+            words = session.stage_of(step).words
+            return {
+                "key": "drive",
+                "program": step.program,
+                "number": number + 1,
+                "of": len(session.steps),
+                "stage": words,
+            }
+        case Enter():
+            return {"key": "enter"}
+        case Done():
+            return {"key": "done"}
+    return {"key": _BUSY[type(following)]}
+
+
+def _error(error: PathError | None) -> dict[str, float] | None:
+    return {"um": error.um, "u_um": error.u_um, "largest_um": error.largest_um} if error else None

@@ -1,0 +1,135 @@
+"""The runs in a directory as pages show them: state, figures by the history's file, standing against the limits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from analysis.history.history_file import FILE, Unusable, read_records
+from analysis.history.records import Record
+from analysis.measures.quantity import Quantity
+from analysis.reporting.labels import LEADING, in_order
+from analysis.reporting.runs_list import row
+from daq.store import survey
+from daq.store.manifest import is_run
+from daq.store.retention import RunInfo, look
+from rigs.errors import FileError, RigError
+from rigs.load import parse
+from rigs.schema.limits import Limit, Limits, Standing
+
+MOST_SHOWN = 300
+_WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a run: its name, value and limit, and how it stands against that; None where it has none."""
+
+    name: str
+    value: Quantity
+    limit: Limit | None
+    standing: Standing | None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run: what `rig runs --json` says of it, its record in the history if there is one, and its figures."""
+
+    name: str
+    path: Path
+    about: Mapping[str, Any]
+    record: Record | None
+    figures: tuple[Figure, ...]
+
+    @property
+    def started(self) -> str:
+        """Day and time, to the minute, as its clock had them."""
+        return self.record.started[:16].replace("T", " ") if self.record else ""
+
+    @property
+    def title(self) -> str:
+        """`yaw acw`, say."""
+        return " ".join(filter(None, (self.about["test"], self.about["direction"])))
+
+    @property
+    def leading(self) -> tuple[Figure, ...]:
+        """The figures by which runs are compared."""
+        return tuple(one for one in self.figures if one.name in LEADING)
+
+    @property
+    def standing(self) -> Standing | None:
+        """The worst standing of its figures, None without limits."""
+        found = {one.standing for one in self.figures}
+        return next((one for one in _WORST if one in found), None)
+
+
+class Shelf:
+    """A directory of runs; it need not be there yet."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def runs(self, words: str = "") -> tuple[list[Shown], int]:
+        """Return the newest runs that have each of these words in name, test, state or rig, and how many there are."""
+        wanted = words.lower().split()
+        try:
+            found = [run for run in survey(self.directory) if all(word in _text(run) for word in wanted)]
+        except FileError:  # the first recording makes it
+            return [], 0
+        found.sort(key=lambda run: run.ended_s, reverse=True)
+        records = self._records()
+        return [_shown(run, records.get(run.path.name)) for run in found[:MOST_SHOWN]], len(found)
+
+    def run(self, name: str) -> Shown:
+        """Return a run by its name. Raises FileError where there is none."""
+        path = self.directory / name
+        try:
+            is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
+            if is_here and is_run(path):
+                return _shown(look(path), self._records().get(name))
+        except (OSError, ValueError):
+            pass
+        raise FileError(name, "is no run here", "choose one of the list")
+
+    def robots(self) -> list[str]:
+        """Return the names of the rigs that have runs here."""
+        return sorted({str(one.about["rig"]) for one in self.runs()[0] if one.about["rig"]})
+
+    def _records(self) -> Mapping[str, Record]:
+        """What the history knows; where nothing can be read, nothing."""
+        try:
+            return read_records(self.directory / FILE)[0]
+        except Unusable:
+            return {}
+
+
+def _text(run: RunInfo) -> str:
+    manifest = run.manifest
+    parts = [run.path.name, run.status]
+    if manifest:
+        parts += [manifest.test, manifest.direction or "", manifest.rig_name]
+    return " ".join(parts).lower()
+
+
+def _shown(run: RunInfo, record: Record | None) -> Shown:
+    limits = limits_of(run.manifest.rig_text) if run.manifest else Limits()
+    figures = record.figures if record else {}
+    judged = []
+    for name in in_order(figures):
+        limit = limits.of(record.test, name) if record else None
+        one = figures[name]
+        judged.append(Figure(name, one, limit, limit.standing(one.value, one.u) if limit else None))
+    return Shown(run.path.name, run.path, row(run, time.time()), record, tuple(judged))
+
+
+@lru_cache(maxsize=64)
+def limits_of(rig_text: str) -> Limits:
+    """Return the limits in the rig file of a run, none where it cannot be read."""
+    try:
+        return parse(rig_text, "the rig file of the run").limits
+    except RigError:
+        return Limits()

@@ -1,0 +1,134 @@
+"""What goes on in the cell, put on the board ten times a second, whether a page is open or not; and what a person asks
+of rigd.
+
+One client of rigd serves all browsers, so a further one costs the recorder nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from analysis.live.daemon_source import DaemonSource
+from analysis.live.view import LiveView, Update
+from analysis.session.state import Place
+from analysis.window import frames
+from analysis.window.board import Board
+from analysis.window.session import summary
+from daq.service.client import Client
+from rigs.errors import RigError
+
+_TICK_S = 0.1
+_SLOW_TICKS = 5
+"""Curves, trace and links are put up on each fifth tick, twice a second."""
+
+
+class Source(Protocol):
+    """Where updates come from, from when it is begun until it is ended."""
+
+    def begun(self) -> object:
+        """Begin."""
+
+    def updates(self) -> Sequence[Update]:
+        """Return what has come since the last call."""
+
+    def end(self) -> None:
+        """End."""
+
+
+class Watcher:
+    """Follows the daemon and the session of a cell."""
+
+    def __init__(
+        self,
+        find: Callable[[], Path],
+        place: Place | None,
+        shows: Callable[[LiveView], None] | None = None,
+        source: Source | None = None,
+    ) -> None:
+        """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
+        with each view, for who follows in another way. source: of what is watched, instead of that daemon."""
+        self.board = Board()
+        self.view = LiveView()
+        self.zero_mm = (0.0, 0.0)
+        self._find, self._place, self._shows = find, place, shows
+        self._source: Source = source or DaemonSource(find)
+        self._session_seen: object = ...
+        """The state of its file when it was read last; None where there was none."""
+
+    async def run(self) -> None:
+        """Watch until it is cancelled."""
+        self._source.begun()
+        due_s, tick = time.monotonic(), 0
+        try:
+            while True:
+                self._tick(tick)
+                tick += 1
+                due_s = max(due_s + _TICK_S, time.monotonic() + _TICK_S / 4)
+                await asyncio.sleep(due_s - time.monotonic())
+        finally:
+            self._source.end()
+
+    def _tick(self, tick: int) -> None:
+        for update in self._source.updates():
+            self.view = self.view.after(update)
+        board, view = self.board, self.view
+        if self._shows is not None:
+            self._shows(view)
+        board.post("cell", frames.cell(view))
+        board.post("now", frames.now(view, self.zero_mm, tick))
+        if tick % _SLOW_TICKS == 0:
+            for kind, values in frames.curves(view).items():
+                board.post(kind, values)
+            board.post("trace", frames.trace(view))
+            board.post("links", frames.links(view))
+            self._look_at_session()
+
+    def _look_at_session(self) -> None:
+        """Put the session up where its file has changed."""
+        if self._place is None:
+            return
+        seen: object = None
+        with suppress(OSError):
+            status = self._place.file.stat()
+            seen = status.st_mtime_ns, status.st_size, status.st_ino
+        if seen == self._session_seen:
+            return
+        self._session_seen = seen
+        try:
+            session = self._place.read()
+        except RigError as error:
+            self.board.post("session", {"next": {"key": "damaged", "why": str(error)}})
+            return
+        self.board.post("session", summary(session) if session else {"next": {"key": "none"}})
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Ask rigd for something a person wants. Raises RigError."""
+        with Client(self._find()) as client:
+            return client.ask(command, **fields)
+
+    def start(self, name: str, test: str, direction: str | None) -> str:
+        """Start a recording; return its directory. Raises RigError."""
+        zero = {"view_zero_mm": list(self.zero_mm)} if any(self.zero_mm) else {}
+        return str(self.ask("record_start", name=name, test=test, direction=direction, **zero)["run"])
+
+    def stop(self) -> str:
+        """End the recording; return its directory. Raises RigError."""
+        return str(self.ask("record_stop")["run"])
+
+    def zero(self) -> None:
+        """Show both gauges less what they read now."""
+        readings = self.view.readings
+        g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+        self.zero_mm = (g1, g2)
+
+    def restart(self, *, zero: bool = False) -> None:
+        """Begin extremes, curves and counts again; zero: show the readings as they are, too."""
+        if zero:
+            self.zero_mm = (0.0, 0.0)
+        else:
+            self.view = self.view.restarted()

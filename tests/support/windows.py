@@ -1,0 +1,144 @@
+"""A window that is served from this process, and requests as browsers and as hostile peers make them."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from analysis.live.loop import RunPlayer
+from analysis.live.played_run import played_run
+from analysis.live.view import Update
+from analysis.session.state import Place
+from analysis.window.app import Window, app_of
+from analysis.window.controls import Controls
+from analysis.window.guard import Gate
+from analysis.window.made import Made
+from analysis.window.serve import listening, server_of
+from analysis.window.shelf import Shelf
+from analysis.window.watcher import Watcher
+from rigs.errors import CellError
+
+PATIENCE_S = 60.0
+
+
+def no_daemon() -> Path:
+    raise CellError("rigd", "no daemon runs", "start it: rigd RIG")
+
+
+class Playing:
+    """A recorded run as what is watched, from when it is first looked at."""
+
+    def __init__(self, run: Path, speed: float) -> None:
+        self._run, self._speed = run, speed
+
+    def begun(self) -> Playing:
+        played = played_run(self._run, self._speed)
+        self._begin = [Update(cell=played.cell, label=(played.name, played.test, played.direction))]
+        self._player = RunPlayer([played])
+        return self
+
+    def updates(self) -> list[Update]:
+        begin, self._begin = self._begin, []
+        return [*begin, *self._player.updates()]
+
+    def end(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came back."""
+
+    status: int
+    headers: dict[str, str]
+    data: bytes
+
+    @property
+    def text(self) -> str:
+        return self.data.decode("utf-8", "replace")
+
+
+@dataclass
+class Served:
+    """A window at a port of this computer."""
+
+    window: Window
+    port: int
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    def ask(self, path: str, method: str = "GET", body: str | bytes | None = None, **headers: str) -> Answer:
+        """One request; headers: by name, with _ for -."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        try:
+            named = {name.replace("_", "-"): value for name, value in headers.items()}
+            connection.request(method, path, body, named)
+            answer = connection.getresponse()
+            named = {name.lower(): value for name, value in answer.getheaders()}
+            return Answer(answer.status, named, answer.read())
+        finally:
+            connection.close()
+
+    def post(self, path: str, body: str | bytes = "", **headers: str) -> Answer:
+        """A form that a page of the window itself sends."""
+        return self.ask(path, "POST", body, **{"Origin": self.address, **headers})
+
+    def until(self, path: str, is_so: Callable[[Answer], object]) -> Answer:
+        """Ask again until the answer is so, as a page that is being made asks."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not is_so(answer := self.ask(path)):
+            assert time.monotonic() < end_s, answer
+            time.sleep(0.1)
+        return answer
+
+    def raw(self, data: bytes = b"") -> socket.socket:
+        """A connection on which so much was sent."""
+        sock = socket.create_connection(("127.0.0.1", self.port), timeout=30)
+        sock.sendall(data)
+        return sock
+
+
+@contextmanager
+def served(
+    folder: Path,
+    *,
+    find: Callable[[], Path] = no_daemon,
+    source: Any = None,
+    token: str | None = None,
+    control: bool = False,
+    session: Path | None = None,
+    port: int = 0,
+) -> Iterator[Served]:
+    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon."""
+    place = Place(session) if session else None
+    watcher = Watcher(find, place, source=source)
+    controls = Controls(watcher, place, "") if control else None
+    window = Window(watcher, Shelf(folder / "runs"), place, Made(folder / "made"), Gate.of([], token), controls)
+    sock = listening("127.0.0.1", port)
+    server = server_of(app_of(window), watcher.board.end)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
+    thread.start()
+    try:
+        while not server.started:
+            time.sleep(0.01)
+        yield Served(window, sock.getsockname()[1])
+    finally:
+        server.should_exit = True
+        thread.join(30)
+        if controls is not None:
+            controls.close()
+
+
+def told(data: str, kind: str) -> list[str]:
+    """The data of each event of a kind in a stream."""
+    events = (block.split("\n") for block in data.split("\n\n"))
+    return [lines[1].removeprefix("data: ") for lines in events if lines[0] == f"event: {kind}" and len(lines) > 1]
