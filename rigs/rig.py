@@ -11,12 +11,13 @@ from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.schema.certificate import Ball, Link, Temperature
 from rigs.schema.declared_tests import Tests
+from rigs.schema.effect import name_of
 from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
-from rigs.schema.robot import Robot
+from rigs.schema.robot import FEWEST_AXES, Robot
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""
@@ -95,6 +96,20 @@ class Rig(Part):
             )
             raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
         return tests
+
+    @model_validator(mode="after")
+    def _has_these_axes(self) -> Rig:
+        axes = len(self.robot.axes)
+        for effect in self.effects:
+            seats = [getattr(effect, seat, 0) for seat in ("axis", "from_axis", "to_axis")]
+            if max(seats) > axes:
+                raise ValueError(f"{name_of(effect)} is of axis {max(seats)}, and the robot has {axes}; correct it")
+        if axes > FEWEST_AXES and (
+            self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
+        ):
+            what = f"an arm of {axes} axes is measured by poses and touches that are imported"
+            raise ValueError(f"{what}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
+        return self
 
     @model_validator(mode="after")
     def _read_together(self) -> Rig:

@@ -38,7 +38,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import PoseTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -232,7 +232,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
-    if isinstance(table, PoseTable) and not measured:
+    if isinstance(table, PlaceTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
@@ -246,7 +246,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
 def _visit_numbers(one: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
     table, keys = one.table, _visit_keys(one)
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         visit = visits(table.q[one.rows], _SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
@@ -320,9 +320,9 @@ class SimulatedBlock:
 
     @cached_property
     def slopes(self) -> Array:
-        """The derivatives (m, k, 6) of the readings in mm by the errors of the joints in rad."""
-        slopes = np.empty((*self.base.shape, 6))
-        for axis in range(1, 7):
+        """The derivatives (m, k, axes) of the readings in mm by the errors of the joints in rad."""
+        slopes = np.empty((*self.base.shape, self.block.model.arm.axes))
+        for axis in range(1, self.block.model.arm.axes + 1):
             effects = (*self.known, turned(axis, _STEP_DEG))
             slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
         slopes /= np.radians(_STEP_DEG)
@@ -350,7 +350,7 @@ class SimulatedBlock:
         return recent(self._scenes, early, lambda: driven(model, path), _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
-        """Return the errors (n, 6) rad of the joints that one effect makes after those of earlier stages. They are
+        """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
         kept, because errors of joints add and a fit changes few effects at a time."""
         joints = self._joints(early)
 
@@ -446,8 +446,8 @@ class SharedBlock(SimulatedBlock):
 
 
 def _turned_axes(error: Array) -> list[int]:
-    """Return the numbers (0 … 5) of the joints that have errors among (n, 6) rad. A product of few rows takes a quarter
-    of the time that numpy's `any` takes along many short ones."""
+    """Return the numbers (from 0) of the joints that have errors among (n, axes) rad. A product of few rows takes a
+    quarter of the time that numpy's `any` takes along many short ones."""
     return np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist()
 
 

@@ -15,7 +15,7 @@ from analysis.inference.blocks import Block
 from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.inference.responses import Linearisation, Response
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable, PoseTable
+from analysis.traces.tables import CircleTable, PlaceTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.play import play
@@ -82,7 +82,7 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
     tables = [block.one.table for block in blocks]
     timed = any(isinstance(table, CircleTable) for table in tables)
-    gauged = any(not isinstance(table, PoseTable) for table in tables)
+    gauged = any(not isinstance(table, PlaceTable) for table in tables)
     gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks).tolist()))

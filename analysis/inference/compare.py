@@ -23,7 +23,7 @@ from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.rig import Rig
 
 
@@ -139,13 +139,13 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     placed = fit_setups([(model, one) for one in observations])
     comparisons, poses = [], []
     for run, one, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
-        if isinstance(run.table, PoseTable):
+        if isinstance(run.table, PlaceTable):
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
             comparisons.append(_one(run, model, placed[one.setup], one.rows, residual))
-    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PoseTable)}
+    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PlaceTable)}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 

@@ -45,10 +45,10 @@ def is_of_curve(effect: Effect) -> bool:
 
 @dataclass(frozen=True)
 class JointCurves:
-    """How large the curves of six joints are: their widths in healthy sizes of a gear error, and how fast the
+    """How large the curves of an arm's joints are: their widths in healthy sizes of a gear error, and how fast the
     amplitudes decay with the order."""
 
-    widths: tuple[float, ...] = (1.0,) * 6
+    widths: tuple[float, ...]
     decay: float = _DECAY
 
 
@@ -72,17 +72,18 @@ class CurveColumns:
         its derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared."""
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
 
-        expected = np.array([np.log(_WIDTH)] * 6 + [_DECAY])
-        spread = np.array([_WIDTH_SPREAD] * 6 + [_DECAY_SPREAD])
+        joints = len(start.widths)
+        expected = np.array([np.log(_WIDTH)] * joints + [_DECAY])
+        spread = np.array([_WIDTH_SPREAD] * joints + [_DECAY_SPREAD])
 
         def cost(x: Array) -> tuple[float, Array]:
             likely, by_variance = log_likelihood(_curves(x))
-            slope = np.append(np.bincount(self.joint, 2 * by_variance, 6), -2 * np.log(self.order) @ by_variance)
+            slope = np.append(np.bincount(self.joint, 2 * by_variance, joints), -2 * np.log(self.order) @ by_variance)
             away = (x - expected) / spread
             return 0.5 * float(away @ away) - likely, away / spread - slope
 
         begin = np.append(np.log(start.widths), start.decay)
-        bounds = [tuple(np.log(_WIDTHS))] * 6 + [_DECAYS]
+        bounds = [tuple(np.log(_WIDTHS))] * joints + [_DECAYS]
         enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
         found = minimize(
             cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
@@ -104,4 +105,4 @@ def curve_columns(effects: Sequence[Effect]) -> CurveColumns:
 
 
 def _curves(x: Array) -> JointCurves:
-    return JointCurves(tuple(np.exp(x[:6]).tolist()), float(x[6]))
+    return JointCurves(tuple(np.exp(x[:-1]).tolist()), float(x[-1]))

@@ -245,7 +245,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     forms: dict[str, list[Candidate]] = {}
     for one in expected.candidates:
         forms.setdefault(label_of(one.effect), []).append(one)
-    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, 7)])
+    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)])
     chosen, detectabilities = [], []
     for label, own in forms.items():
         one = sorted(own, key=lambda form: form.size)[len(own) // 2]

@@ -125,7 +125,8 @@ class Selection:
         )
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
         state = self._renewed(self._renewed(state))
-        return self._renewed(self._with_curves(state, curves or JointCurves())) if self._shows_curves else state
+        curves = curves or JointCurves((1.0,) * self.linear.axes)
+        return self._renewed(self._with_curves(state, curves)) if self._shows_curves else state
 
     def state_with(self, effects: Sequence[Effect], curves: JointCurves | None = None) -> SelectionState:
         """Return a state with the given effects fitted, whatever size and shape they are given with.

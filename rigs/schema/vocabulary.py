@@ -2,11 +2,13 @@
 
 from typing import Literal, get_args
 
-TestName = Literal["yaw", "roll", "radial", "repeatability", "pose"]
+TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch"]
 Direction = Literal["cw", "acw"]
 
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
+WITHOUT_GAUGES: tuple[Literal["pose", "touch"], ...] = ("pose", "touch")
+"""The tests that no gauge reads."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
