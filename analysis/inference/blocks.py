@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.inference.noise import (
     POSE_MM,
+    TOUCH_MM,
     CircleNoise,
     Repeated,
     ScatteredRuns,
@@ -38,7 +39,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable, TouchTable, test_of
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -128,13 +129,20 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: S
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     noise = circle_noise([_repeated(raw) for raw in circles], float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in grouped))}
+    kinds = [_strength_of(raw.first.one) for raw in grouped]
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
-        _circle_block(raw, sds[raw.name], noise, numbers[raw.first.one.setup])
+        _circle_block(raw, sds[raw.name], noise, numbers[kind])
         if raw.first.sampling
-        else _target_block(raw, noise, numbers[raw.first.one.setup])
-        for raw in grouped
+        else _target_block(raw, noise, numbers[kind])
+        for raw, kind in zip(grouped, kinds, strict=True)
     ]
+
+
+def _strength_of(one: Observation) -> str:
+    """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
+    ball is seated in them."""
+    return test_of(one.table) if isinstance(one.table, TouchTable) else one.setup
 
 
 def targets_key(run: ObservedRun) -> bytes:
@@ -233,7 +241,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     table, count = raw.first.one.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
     if isinstance(table, PlaceTable) and not measured:
-        sd = np.full(len(sd), POSE_MM)
+        sd = np.full(len(sd), TOUCH_MM if isinstance(table, TouchTable) else POSE_MM)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)

@@ -261,6 +261,10 @@ _AGREEMENT = 4.0
 tenfold differences between the targets of real cells likely."""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
+TOUCH_MM = 0.1
+"""Scatter of a coordinate of a ball that is seated by hand, if no posture was touched twice: a model of constants,
+gravity and curves leaves 0.1 to 0.2 mm of two Pandas and an iiwa (Franzese et al., MUKCa, 2024). The readings say how
+much less or more it is; a search that begins with too little explains scatter by the arm."""
 POSE_MM = 0.04
 """Scatter of a coordinate of a pose if no pose was visited twice: UR10, two visits (Landgraf et al. 2021)."""
 
