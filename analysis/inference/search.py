@@ -20,7 +20,7 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.traces.tables import PlaceTable
+from analysis.traces.tables import PlaceTable, PoseTable
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
     rows = np.concatenate(
-        [np.full(len(block.y_mm), isinstance(block.one.table, PlaceTable)) for block in linear.blocks]
+        [np.full(len(block.y_mm), isinstance(block.one.table, PoseTable)) for block in linear.blocks]
     )
     if not rows.any():
         return ()
@@ -247,7 +247,7 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     def waves(joint: int, block: Block) -> Array:
         turned = block.one.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        poses: Array = np.radians(parts) * isinstance(block.one.table, PlaceTable)
+        poses: Array = np.radians(parts) * isinstance(block.one.table, PoseTable)
         return poses
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
@@ -278,7 +278,7 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     def samples(block: Block) -> Array:
         path = block.one.path
         found = np.zeros((len(path.q), 1))
-        if isinstance(block.one.table, PlaceTable):
+        if isinstance(block.one.table, PoseTable):
             came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
             found[path.rows, 0] = off(came)
         return found
@@ -300,5 +300,5 @@ def _move(came: Array) -> Array:
 def _um(result: SearchResult, change: Array) -> float:
     """Return the largest root mean square in µm that a change (N,) of the whitened readings has in any block
     of poses."""
-    poses = [isinstance(block.one.table, PlaceTable) for block in result.linear.blocks]
+    poses = [isinstance(block.one.table, PoseTable) for block in result.linear.blocks]
     return float(plain_worth(result.linear, change).um[poses].max())

@@ -125,7 +125,7 @@ class Selection:
         )
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
         state = self._renewed(self._renewed(state))
-        curves = curves or JointCurves((1.0,) * self.linear.axes)
+        curves = curves or JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count))
         return self._renewed(self._with_curves(state, curves)) if self._shows_curves else state
 
     def state_with(self, effects: Sequence[Effect], curves: JointCurves | None = None) -> SelectionState:
