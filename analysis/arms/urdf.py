@@ -82,8 +82,8 @@ def _ends_elsewhere(robot: Robot) -> list[str]:
         said.append("axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours")
     if robot.tool != Pose():
         said.append(
-            "the tip is not on the last axis: the way there is in tool; keep it as part of yours, or "
-            "choose another --tip"
+            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
+            "another --tip"
         )
     return said
 
