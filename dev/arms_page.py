@@ -51,8 +51,8 @@ pip install pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 
-The chain between two links must have six or seven revolute joints. They become modified Denavit-Hartenberg constants, with
-`beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to 1e-9
+The chain between two links must have six or seven revolute joints. They become modified Denavit-Hartenberg constants,
+with `beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to 1e-9
 mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or else
 the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first: `xacro FILE > arm.urdf`.
 

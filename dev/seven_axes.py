@@ -58,7 +58,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=4, help="arms of each kind (4)")
     parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
     parser.add_argument("--arm", default="franka-fr3", help="an arm of the library (franka-fr3)")
-    parser.add_argument("--sockets", type=int, nargs="*", default=[], help="touches of so many sockets instead of poses")
+    parser.add_argument("--sockets", type=int, nargs="*", default=[], help="touches of so many sockets, not poses")
     parser.add_argument("--play", type=float, help="hide a play of so many degrees, and nothing else")
     parser.add_argument("--minutes", type=float, default=60.0, help="begin no further arm after so many minutes (60)")
     given = parser.parse_args()
@@ -205,8 +205,9 @@ def _squares(rig: Rig, run: Measured) -> list[Effect]:
 def _line(seed: int, case: Case) -> str:
     found = case.found
     named = ", ".join(
-        f"{name_of(one.effect)} {getattr(one.effect, size_field(one.effect)):.4g}±{one.sd.get(size_field(one.effect), 0):.2g}"
+        f"{name_of(one.effect)} {getattr(one.effect, key):.4g}±{one.sd.get(key, 0):.2g}"
         for one in found.standing
+        for key in [size_field(one.effect)]
     )
     hidden = ", ".join(f"{fault.name} {case.truth.size_of(fault):.4g}" for fault in case.hidden)
     errors = f"{case.nominal_mm:.3f} {case.squares_mm:.3f} {case.calibrated_mm:.3f}"
@@ -226,7 +227,9 @@ def _summary(sockets: int, cases: list[Case]) -> str:
             if one:
                 named += 1
                 key = size_field(one.effect)
-                within += abs(getattr(one.effect, key) - case.truth.size_of(fault)) <= 2 * max(one.sd.get(key, 0.0), 1e-12)
+                within += abs(getattr(one.effect, key) - case.truth.size_of(fault)) <= 2 * max(
+                    one.sd.get(key, 0.0), 1e-12
+                )
         others += sum(name not in {fault.name for fault in case.hidden} for name in own)
     rms = [
         float(np.sqrt(np.mean([getattr(case, key) ** 2 for case in cases])))
@@ -234,8 +237,8 @@ def _summary(sockets: int, cases: list[Case]) -> str:
     ]
     what = f"{TOUCHES} touches of {sockets} socket(s)" if sockets else f"{POSES} poses"
     return (
-        f"{what}, {len(cases)} arms: {named} of {hidden} faults named ({listed} more among rivals), {within} of {named} "
-        f"sizes within 2 u, {others} other names; unseen {rms[0]:.3f} nominal, {rms[1]:.3f} least squares, "
+        f"{what}, {len(cases)} arms: {named} of {hidden} faults named ({listed} more among rivals), {within} of "
+        f"{named} sizes within 2 u, {others} other names; unseen {rms[0]:.3f} nominal, {rms[1]:.3f} least squares, "
         f"{rms[2]:.3f} mm calibrated; {np.mean([case.seconds for case in cases]):.1f} s of CPU each"
     )
 

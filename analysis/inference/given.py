@@ -12,7 +12,6 @@ from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.errors import UseError
 from rigs.schema.effect import healthy, is_wave, phases, scaled
 
-
 _AXES = ("axis", "from_axis", "to_axis")
 
 
@@ -26,8 +25,8 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit begins. Raises UseError as
-    `parse_effects` does."""
+    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit begins.
+    Raises UseError as `parse_effects` does."""
     quarters = {other for effect in parse_effects(words, axes) for other in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
 

@@ -36,7 +36,7 @@ _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
 """Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
 healthy sizes is 0.1°."""
 _MOST_OF_A_KIND = 5.0
-"""Largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has a name of its own."""
+"""Largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own name."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
 

@@ -71,6 +71,8 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
             found.append(FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),)))
         if "repeatability" not in tests:
             found.append(FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),)))
+    if rig.tests.touch and "touch" not in tests:
+        found.append(FurtherTest(("touch",), "one place in many postures, without gauges", (("touch", rig),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return found + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
@@ -464,8 +466,10 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     an unknown name."""
     if names is None:
         circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
+        if rig.tests.touch and not circle and not rig.tests.hemisphere:
+            return ("touch",)
         return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
-    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability")
+    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability", "touch")
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in known:

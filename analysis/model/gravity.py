@@ -68,7 +68,7 @@ def _torques(arm: Arm, load: Load, q: Array) -> Array:
 
 
 def _with_payload(load: Load) -> tuple[Array, Array]:
-    """Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange: the last frame's place."""
+    """Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame."""
     mass, centre = load.mass.copy(), load.centre.copy()
     mass[-1] += load.payload_kg
     if mass[-1] > 0:

@@ -96,7 +96,10 @@ def nominal_setup(rig: Rig, table: Table) -> SetUp:
     else:
         ball = np.array(hemisphere_of(rig).centre_mm)
     gauges = 2 if isinstance(table, CircleTable) else 1
-    return SetUp(ball, np.zeros(gauges), np.eye(4), np.eye(4))
+    target = np.eye(4)
+    if isinstance(table, TouchTable) and rig.tests.touch:
+        target[:3, 3] = rig.tests.touch.ball_mm
+    return SetUp(ball, np.zeros(gauges), np.eye(4), target)
 
 
 def path_of(model: Model, table: Table) -> Path:

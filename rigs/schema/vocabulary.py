@@ -22,6 +22,8 @@ def direction_of(word: str) -> Direction | None:
 
 DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
 """The tests that a program of the robot drives, with the ball link."""
+SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch"]
+"""The tests that are simulated: those of the ball link, and touches, which a person guides."""
 Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 """Makers of controllers for which programs and corrections are written."""
 MAKERS: tuple[Maker, ...] = get_args(Maker)

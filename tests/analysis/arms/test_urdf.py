@@ -199,7 +199,10 @@ BAD = {
         GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
         "link link_1 is the child of two joints",
     ),
-    "no joints": ('<robot name="x"><link name="a"/></robot>', "has no moving joint; give the URDF of an arm of six or seven axes"),
+    "no joints": (
+        '<robot name="x"><link name="a"/></robot>',
+        "has no moving joint; give the URDF of an arm of six or seven axes",
+    ),
     "too many": (
         '<robot name="x">' + "".join(f'<link name="{one}"/>' for one in range(3000)) + "</robot>",
         "has 3000 links and joints, more than 2000",

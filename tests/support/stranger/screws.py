@@ -16,7 +16,8 @@ G_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Constants:
-    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (axes,); centre (axes, 3) mm; coupling (axes, axes)."""
+    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (axes,); centre (axes, 3) mm; coupling
+    (axes, axes)."""
 
     a: Array
     alpha: Array
@@ -33,8 +34,8 @@ class Constants:
 
 @dataclass(frozen=True)
 class Arm:
-    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool (4, 4); zero,
-    coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
+    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool (4, 4);
+    zero, coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
 
     point: Array
     axis: Array
@@ -49,7 +50,8 @@ class Arm:
 
 @dataclass(frozen=True)
 class Posed:
-    """n postures. point, axis, end (n, axes, 3) where the screws and link ends are; R (n, 3, 3), p (n, 3) of the tool."""
+    """n postures. point, axis, end (n, axes, 3) where the screws and link ends are; R (n, 3, 3) and p (n, 3) of the
+    tool."""
 
     point: Array
     axis: Array
