@@ -25,8 +25,8 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit begins.
-    Raises UseError as `parse_effects` does."""
+    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit
+    begins. Raises UseError as `parse_effects` does."""
     quarters = {other for effect in parse_effects(words, axes) for other in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
 

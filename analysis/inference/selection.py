@@ -84,8 +84,8 @@ _TRIED, _CLOSE = 3, 0.5
 have. Chosen: each fit costs a fraction of a round."""
 _OF_SET_UP = 0.01
 """Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
-a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no term
-leaves 0.6 and more."""
+a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
+term leaves 0.6 and more."""
 _FEW = 3
 """Rounds of fits that are followed by others: those from several beginnings, of which only the likeliest goes on, and
 those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""

@@ -47,7 +47,8 @@ class SocketDistance:
 @dataclass(frozen=True)
 class TouchResult:
     """position_mm (n, 3): of the ball from its socket, in the world; ball_mm (3,): the ball's place on the tool;
-    sockets by name, (3,) mm in the world; distances of pairs that the rig file knows, or of all of up to four sockets."""
+    sockets by name, (3,) mm in the world; distances of pairs that the rig file knows, or of all of up to four
+    sockets."""
 
     position_mm: Array
     ball_mm: Array

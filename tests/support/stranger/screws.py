@@ -34,8 +34,8 @@ class Constants:
 
 @dataclass(frozen=True)
 class Arm:
-    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool (4, 4);
-    zero, coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
+    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool
+    (4, 4); zero, coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
 
     point: Array
     axis: Array
