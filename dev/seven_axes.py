@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -19,21 +18,17 @@ from analysis.inference.diagnose import diagnose
 from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, model_of, moved, path_of
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import Measured, measured_of
+from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable, TouchTable
-from daq.store import table_run
 from rigs.arms import load_arm
 from rigs.effects import Effect, changed, turned
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, size_field
-from tests.support.seven_axes import Fault, Truth, corrected, draw_postures, draw_truth, seated
+from tests.support.seven_axes import Fault, Truth, draw_postures, draw_truth, pose_table, run_of, touch_table
 
 POSES, TOUCHES, UNSEEN = 200, 40, 200
 BALL_MM = np.array([10.0, -5.0, 120.0])
-CAME_RAD = 0.15
-"""How far a joint moves to a touch at the least: any play is taken up."""
 _STEPS, _STEP, _SHOWN, _LONGEST = 5, 1e-3, 1e-3, 4.9
 """Least squares: steps, the step of the slopes (mm and degrees), the singular value below which nothing is moved, as a
 share of the largest, and the longest step."""
@@ -79,8 +74,12 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None) -> Case:
     rig = _rig(name, max(sockets, 1))
     faults = _faults(rig, rng, play_deg)
     truth = draw_truth(rig.robot, rng, faults)
-    table = _touches(rig, truth, rng, sockets) if sockets else _poses(rig, truth, rng)
-    run = _run(rig, table)
+    table = (
+        touch_table(rig.robot, truth, rng, BALL_MM, sockets, TOUCHES)
+        if sockets
+        else pose_table(rig.robot, truth, rng, BALL_MM, POSES)
+    )
+    run = run_of(rig, table)
     start = time.process_time()
     found = diagnose(rig, [run], [], [], lambda _: None)
     seconds = time.process_time() - start
@@ -113,41 +112,6 @@ def _faults(rig: Rig, rng: np.random.Generator, play_deg: float | None) -> tuple
             case "compliance":
                 found.append(Fault("compliance", int(rng.choice([2, 4])), rng.uniform(0.005, 0.02)))
     return tuple(found)
-
-
-def _poses(rig: Rig, truth: Truth, rng: np.random.Generator) -> PoseTable:
-    q = draw_postures(rig.robot, rng, POSES)
-    seen = truth.places(q, np.vstack([q[:1], q[:-1]]), BALL_MM) + rng.normal(0, truth.scatter_mm, (POSES, 3))
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return PoseTable(q, seen @ (turn * np.linalg.det(turn)).T + rng.normal(0, 1000, 3), None)
-
-
-def _touches(rig: Rig, truth: Truth, rng: np.random.Generator, sockets: int) -> TouchTable:
-    """Touches of sockets 300 to 700 mm from the base, shared out equally."""
-    q, names, came = [], [], []
-    for number in range(sockets):
-        around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)
-        socket = np.array([away * np.cos(around), away * np.sin(around), high])
-        count = TOUCHES // sockets
-        nominal = seated(rig.robot, rng, socket, BALL_MM, count)
-        before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
-        seat = socket + rng.normal(0, truth.scatter_mm, (count, 3))
-        q.append(np.array([
-            corrected(rig.robot, truth, *(one[None] for one in (here, there)), place, BALL_MM)[0]
-            for here, there, place in zip(nominal, before, seat, strict=True)
-        ]))  # fmt: skip
-        came.append(before)
-        names += ["ABCD"[number]] * count
-    return TouchTable(np.array(names), np.concatenate(q), np.concatenate(came))
-
-
-def _run(rig: Rig, table: PoseTable | TouchTable) -> Measured:
-    test = "touch" if isinstance(table, TouchTable) else "pose"
-    run = table_run(
-        Path("seven"), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",
-        operator="", source="generated", source_sha256="0" * 64,
-    )  # fmt: skip
-    return measured_of(run, rig)
 
 
 def _unseen_mm(rig: Rig, truth: Truth, effects: list[Effect], seed: int) -> float:

@@ -5,7 +5,8 @@ What is left is the arm's error at one point, and needs no instrument. ASME B89.
 of each socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
 
 Uncertainties: the scatter of a seated ball and of a robot that stops as real ones do, through the fit. They hold the
-noise alone: the arm's own errors are what is measured, and the distance of two sockets takes part in them.
+noise alone, since the arm's own errors are what is measured. The distance of two sockets takes part in these errors, so
+that what is left of the touches counts as noise for it.
 """
 
 from __future__ import annotations
@@ -79,7 +80,9 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     counted = socket.ravel(), len(names)
     figures = figures_of(_plain(left, *counted), _plain(drawn, *counted), len(left), noise="assumed")
     sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
-    distances = _distances(model, names.tolist(), terms, drawn_terms, len(left))
+    errs_mm = float(np.sqrt((left**2).mean()))
+    spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
+    distances = _distances(model, names.tolist(), terms, spread, len(left))
     if len(names) == 2:
         figures["socket_distance_mm"] = distances[0].distance
     notes = (*_blind(design), *_known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))

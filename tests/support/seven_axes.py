@@ -7,14 +7,22 @@ under gravity, a curve of each joint's angle error, scatter. Faults are hidden b
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.traces.csv_tables import columns_of
+from analysis.traces.loading import Measured, measured_of
+from analysis.traces.tables import PoseTable, TouchTable
+from daq.store import table_run
+from rigs.rig import Rig
 from rigs.schema.robot import Robot
 from tests.support.stranger.screws import Arm, Constants, arm_from, pose, torque_nm
 
 Array = NDArray[np.float64]
+CAME_RAD = 0.15
+"""How far a joint moves to a touch at the least: any play is taken up."""
 
 
 @dataclass(frozen=True)
@@ -160,3 +168,42 @@ def corrected(robot: Robot, truth: Truth, q: Array, came_from: Array, socket_mm:
         away = socket_mm - truth.places(q, came_from, ball_mm)
         q += np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), away)
     return q
+
+
+def pose_table(robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Array, poses: int) -> PoseTable:
+    """Places of a ball as a tracker saw them, one posture after the other, in a frame of its own."""
+    q = draw_postures(robot, rng, poses)
+    seen = truth.places(q, np.vstack([q[:1], q[:-1]]), ball_mm) + rng.normal(0, truth.scatter_mm, (poses, 3))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return PoseTable(q, seen @ (turn * np.linalg.det(turn)).T + rng.normal(0, 1000, 3), None)
+
+
+def touch_table(
+    robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Array, sockets: int, touches: int
+) -> TouchTable:
+    """Touches of sockets A, B … 350 to 600 mm beside the base, shared out equally."""
+    q, names, came = [], [], []
+    for number in range(sockets):
+        around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)
+        socket = np.array([away * np.cos(around), away * np.sin(around), high])
+        count = touches // sockets
+        nominal = seated(robot, rng, socket, ball_mm, count)
+        before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
+        seat = socket + rng.normal(0, truth.scatter_mm, (count, 3))
+        q += [
+            corrected(robot, truth, here[None], there[None], place, ball_mm)[0]
+            for here, there, place in zip(nominal, before, seat, strict=True)
+        ]
+        came += list(before)
+        names += ["ABCD"[number]] * count
+    return TouchTable(np.array(names), np.array(q), np.array(came))
+
+
+def run_of(rig: Rig, table: PoseTable | TouchTable) -> Measured:
+    """A table as a run that was imported."""
+    test = "touch" if isinstance(table, TouchTable) else "pose"
+    run = table_run(
+        Path("seven"), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",
+        operator="", source="generated", source_sha256="0" * 64,
+    )  # fmt: skip
+    return measured_of(run, rig)
