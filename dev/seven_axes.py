@@ -55,11 +55,12 @@ def main() -> None:
     parser.add_argument("--arm", default="franka-fr3", help="an arm of the library (franka-fr3)")
     parser.add_argument("--sockets", type=int, nargs="*", default=[], help="touches of so many sockets, not poses")
     parser.add_argument("--play", type=float, help="hide a play of so many degrees, and nothing else")
-    parser.add_argument("--minutes", type=float, default=60.0, help="begin no further arm after so many minutes (60)")
+    parser.add_argument(
+        "--minutes", type=float, default=60.0, help="begin no further arm after so many minutes of each kind (60)"
+    )
     given = parser.parse_args()
-    begin = time.monotonic()
     for sockets in given.sockets or [0]:
-        cases = []
+        begin, cases = time.monotonic(), list[Case]()
         for seed in range(given.first, given.first + given.cases):
             if time.monotonic() - begin > 60 * given.minutes:
                 break

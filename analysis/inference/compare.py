@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.inference.observation import outside_effect_coverage, residuals_of
+from analysis.inference.observation import by_socket, outside_effect_coverage, residuals_of
 from analysis.inference.setups import fit_setups, observe_runs, split_by_frame
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
@@ -132,8 +132,10 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     model = model_of(rig)
     for run in runs:
         hold_targets(run.table, rig, str(run.path))
+    pieces = [(run, one) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for one in by_socket(whole)]
+    runs = [run for run, _ in pieces]
     names = [run.run.manifest.name for run in runs]
-    observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
+    observations, doubts = split_by_frame(model, [one for _, one in pieces], names)
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     placed = fit_setups([(model, one) for one in observations])

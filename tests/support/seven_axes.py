@@ -199,11 +199,11 @@ def touch_table(
     return TouchTable(np.array(names), np.array(q), np.array(came))
 
 
-def run_of(rig: Rig, table: PoseTable | TouchTable) -> Measured:
+def run_of(rig: Rig, table: PoseTable | TouchTable, name: str = "seven", placement: str = "") -> Measured:
     """A table as a run that was imported."""
     test = "touch" if isinstance(table, TouchTable) else "pose"
     run = table_run(
-        Path("seven"), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",
-        operator="", source="generated", source_sha256="0" * 64,
+        Path(name), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",
+        operator="", source="generated", source_sha256="0" * 64, placement=placement,
     )  # fmt: skip
     return measured_of(run, rig)
