@@ -106,7 +106,7 @@ def _touched(arm: str, folder: Path) -> None:
         names = ", ".join(name_of(one.effect) for one in diagnosis.standing) or "-"
         print(
             f"  without {judge.run.manifest.placement:14s} {found[-1].before_mm:6.3f} to {found[-1].calibrated_mm:.3f}"
-            f" mm, sockets {apart} mm apart; {diagnosis.condition}: {names}; {time.process_time() - start:.0f} s of CPU",
+            f" mm, sockets {apart} mm apart; {diagnosis.condition}: {names}; {time.process_time() - start:.0f} s",
             flush=True,
         )
     whole = [_rms(found, key) for key in ("before_mm", "calibrated_mm")]
