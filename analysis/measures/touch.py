@@ -142,14 +142,16 @@ def _distances(
 
 
 _ALL_PAIRS = 4
-"""Sockets up to which the distance of each pair is a figure; of more there are as many as nobody reads."""
+"""Sockets up to which the distance of each pair is a figure; more have too many pairs to read."""
 
 
 def _blind(design: Array) -> tuple[str, ...]:
     s = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
     if s[-1] > _BLIND * s[0]:
         return ()
-    return ("the tool turned too little to tell the ball's place on it from the sockets' places: turn the wrist more",)
+    return (
+        "the tool turned too little to distinguish the ball's place on it from the sockets' places: turn the wrist more",
+    )
 
 
 def _known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ class Touching:
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Take in where the joints (axes,) are at a time, and return what is seen, each thing once."""
+        """Take in where the joints (axes,) are, in degrees, at a time in s, and return what is seen, each thing once."""
         q = np.asarray(joints_deg, dtype=float)
         if self._sides is None:
             self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
@@ -104,7 +104,7 @@ class _Sides:
         self._way = np.zeros(len(q))
 
     def feed(self, q: Array) -> None:
-        """Take in the angles (axes,) of the joints."""
+        """Take in the angles (axes,) of the joints, in degrees."""
         back = (q - self._furthest) * np.where(self._way == 0, -np.sign(q - self._furthest), self._way)
         turned = back < -_TURNED_DEG
         self.from_deg = np.where(turned, self._furthest, self.from_deg)

@@ -156,7 +156,7 @@ class Place:
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = Place("", "")
 EVERY_AXIS = "1234567"
-"""Of these those that an arm has."""
+"""What an axis left out stands for, as far as the arm has these."""
 AT_AXIS = Place("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
