@@ -150,7 +150,7 @@ def _blind(design: Array) -> tuple[str, ...]:
     if s[-1] > _BLIND * s[0]:
         return ()
     return (
-        "the tool turned too little to distinguish the ball's place on it from the sockets' places: turn the wrist more",
+        "the tool turned too little to distinguish the ball's place on it from those of the sockets: turn the wrist more",
     )
 
 
