@@ -17,7 +17,7 @@ from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
-from rigs.schema.robot import FEWEST_AXES, Robot
+from rigs.schema.robot import FEWEST_AXES, MOST_AXES, Robot
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""
@@ -97,13 +97,19 @@ class Rig(Part):
             raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
         return tests
 
+    @field_validator("effects")
+    @classmethod
+    def _of_its_axes(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
+        axes = len(info.data["robot"].axes) if "robot" in info.data else MOST_AXES
+        for effect in effects:
+            seat = max(getattr(effect, key, 0) for key in ("axis", "from_axis", "to_axis"))
+            if seat > axes:
+                raise ValueError(f"{name_of(effect)} is of axis {seat}, and the robot has {axes}; correct it")
+        return effects
+
     @model_validator(mode="after")
-    def _has_these_axes(self) -> Rig:
+    def _is_driven(self) -> Rig:
         axes = len(self.robot.axes)
-        for effect in self.effects:
-            seats = [getattr(effect, seat, 0) for seat in ("axis", "from_axis", "to_axis")]
-            if max(seats) > axes:
-                raise ValueError(f"{name_of(effect)} is of axis {max(seats)}, and the robot has {axes}; correct it")
         if axes > FEWEST_AXES and (
             self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
         ):

@@ -149,9 +149,7 @@ def _blind(design: Array) -> tuple[str, ...]:
     s = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
     if s[-1] > _BLIND * s[0]:
         return ()
-    return (
-        "the tool turned too little to distinguish the ball's place on it from those of the sockets: turn the wrist more",
-    )
+    return ("the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more",)
 
 
 def _known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:

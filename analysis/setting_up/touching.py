@@ -72,7 +72,7 @@ class Touching:
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Take in where the joints (axes,) are, in degrees, at a time in s, and return what is seen, each thing once."""
+        """Take in where the joints (axes,) are, in degrees, at a time in s, and return what is seen, each once."""
         q = np.asarray(joints_deg, dtype=float)
         if self._sides is None:
             self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
