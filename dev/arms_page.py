@@ -51,10 +51,11 @@ pip install pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 
-The chain between two links must have six revolute joints. They become modified Denavit-Hartenberg constants, with
-`beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to 1e-9
-mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or else
-the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first: `xacro FILE > arm.urdf`.
+The chain between two links must have six or seven revolute joints. They become modified Denavit-Hartenberg constants,
+with `beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to
+1e-9 mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or
+else the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first:
+`xacro FILE > arm.urdf`.
 
 Joint angles are those of the URDF. Where the controller counts otherwise, correct `coupling`, `offset_deg` and
 `limits_deg`; in many URDFs of a FANUC, the third joint is J2 + J3. `rig import-urdf` names axes that are nearly, but

@@ -110,7 +110,7 @@ class CalibratedModel(Part):
     date: dt.date
     version: str
     runs: tuple[CalibratedRun, ...]
-    joints_deg: tuple[tuple[float, float], ...] = Field(min_length=6, max_length=6)
+    joints_deg: tuple[tuple[float, float], ...] = Field(min_length=6, max_length=7)
     setups: dict[str, PlacedSetUp]
     before_um: float
     calibrated_um: float

@@ -11,12 +11,13 @@ from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.schema.certificate import Ball, Link, Temperature
 from rigs.schema.declared_tests import Tests
+from rigs.schema.effect import name_of
 from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
-from rigs.schema.robot import Robot
+from rigs.schema.robot import FEWEST_AXES, MOST_AXES, Robot
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""
@@ -95,6 +96,26 @@ class Rig(Part):
             )
             raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
         return tests
+
+    @field_validator("effects")
+    @classmethod
+    def _of_its_axes(cls, effects: tuple[AnyEffect, ...], info: ValidationInfo) -> tuple[AnyEffect, ...]:
+        axes = len(info.data["robot"].axes) if "robot" in info.data else MOST_AXES
+        for effect in effects:
+            seat = max(getattr(effect, key, 0) for key in ("axis", "from_axis", "to_axis"))
+            if seat > axes:
+                raise ValueError(f"{name_of(effect)} is of axis {seat}, and the robot has {axes}; correct it")
+        return effects
+
+    @model_validator(mode="after")
+    def _is_driven(self) -> Rig:
+        axes = len(self.robot.axes)
+        if axes > FEWEST_AXES and (
+            self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
+        ):
+            what = f"an arm of {axes} axes is measured by poses and touches that are imported"
+            raise ValueError(f"{what}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
+        return self
 
     @model_validator(mode="after")
     def _read_together(self) -> Rig:

@@ -221,7 +221,7 @@ def calibrate(
     """
     from analysis.inference.given import given_effects  # noqa: PLC0415
 
-    given = None if effects is None else given_effects(effects)
+    given = None if effects is None else given_effects(effects, len(_model(rig, runs).robot.axes))
     return _diagnosed(runs, rig, hold_out, unseen, progress, None, given)
 
 

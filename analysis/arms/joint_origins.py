@@ -33,7 +33,7 @@ def joint_origins(arm: Arm) -> Array:
     """Return the frames (6, 4, 4) of the joints, in mm, each in the frame that the joint before it moves; all joint
     angles zero."""
     c, s = np.cos(arm.offset), np.sin(arm.offset)
-    turned = np.tile(np.eye(4), (6, 1, 1))
+    turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
     origins: Array = arm.links_at_zero @ turned
     return origins

@@ -10,10 +10,10 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
+from analysis.arms.axis_lines import AxisLines, DenavitHartenberg, denavit_hartenberg
 from analysis.kinematics.arm import Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
-from rigs.schema.robot import JointAxis, Pose, Robot
+from rigs.schema.robot import JointAxis, Pose, Robot, identity
 from rigs.text import plain
 from rigs.yaml_text import flow
 
@@ -77,12 +77,14 @@ def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Ro
     )
     coupling = tuple(tuple(float(one) for one in row) for row in np.diag(found.senses))
     base = Pose(xyz_mm=_vector(found.base_mm))
-    return Robot(name=name, axes=axes, coupling=coupling, base=base, tool=_pose(found.T_six_flange))
+    return Robot(name=name, axes=axes, coupling=coupling, base=base, tool=_pose(found.T_last_flange))
 
 
 def robot_text(robot: Robot) -> str:
     """Return the section as YAML: one line an axis, defaults left out."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
+    if robot.coupling == identity(len(robot.axes)):
+        fields.pop("coupling", None)
     lines = ["robot:", f"  name: {flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
     lines += [f"    - {flow(axis)}" for axis in fields.pop("axes")]
     for key, value in fields.items():
@@ -93,7 +95,7 @@ def robot_text(robot: Robot) -> str:
 
 def checked_section(
     name: str,
-    axes: SixAxes,
+    axes: AxisLines,
     joints: Sequence[Joint],
     head: Sequence[str],
     source: Callable[[Array], Array],
@@ -102,7 +104,7 @@ def checked_section(
 ) -> Section:
     """Return the section of axes and joints, under lines of comment, after a comparison with its source.
 
-    source: poses (n, 4, 4) mm of the flange at joint angles (n, 6) rad, computed without the axes. Raises FileError
+    source: poses (n, 4, 4) mm of the flange at joint angles (n, axes) rad, computed without the axes. Raises FileError
     that names path where the section cannot be written, or differs by more than the tolerance.
     """
     text = "".join(f"# {plain(line)}\n" for line in head) + _section_text(name, axes, joints, path)
@@ -121,9 +123,9 @@ def parsed(text: str) -> Robot:
 
 
 def random_postures(robot: Robot) -> Array:
-    """Return joint angles (200, 6) rad within the limits, the same at each call."""
+    """Return joint angles (200, axes) rad within the limits, the same at each call."""
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
-    return np.random.default_rng(0).uniform(low, high, (_POSTURES, 6))
+    return np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
@@ -138,7 +140,7 @@ def largest_difference(T: Array, other: Array) -> tuple[float, float]:
     return float(np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1).max()), float(chord.max())
 
 
-def _section_text(name: str, axes: SixAxes, joints: Sequence[Joint], path: Path) -> str:
+def _section_text(name: str, axes: AxisLines, joints: Sequence[Joint], path: Path) -> str:
     try:
         return robot_text(robot_of(name, denavit_hartenberg(axes), joints))
     except ValidationError as error:

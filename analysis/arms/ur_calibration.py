@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.arms.axis_lines import AxisLines
 from analysis.arms.robot_section import (
     TOLERANCE,
     Joint,
@@ -24,7 +25,6 @@ from analysis.arms.robot_section import (
     largest_difference,
     random_postures,
 )
-from analysis.arms.six_axes import SixAxes
 from analysis.kinematics.arm import Array, arm_of, link_frames
 from rigs.arms import Arm
 from rigs.errors import FileError
@@ -145,10 +145,10 @@ class _Classic:
             frames.append(frames[-1] @ T)
         return np.stack(frames, axis=1)
 
-    def axes(self) -> SixAxes:
+    def axes(self) -> AxisLines:
         """The axes that the joints turn about: each the z axis of the frame before it."""
         T = self.frames(np.zeros((1, 6)))[0]
-        return SixAxes(T[:6, :3, 3], T[:6, :3, 2], T[6])
+        return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])
 
 
 def _classic(robot: Robot, by: Differences) -> _Classic:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.arms.axis_lines import AxisLines
 from analysis.arms.robot_section import Section, checked_section
-from analysis.arms.six_axes import SixAxes
 from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
 from analysis.arms.urdf_file import read_urdf
 from analysis.kinematics.arm import Array
@@ -30,7 +30,7 @@ class UrdfArm:
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
-    """Return the arm between two links of a URDF. Raises FileError, with the remedy, for what is no six-axis arm."""
+    """Return the arm between two links of a URDF. Raises FileError for what has no six or seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
@@ -44,7 +44,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
 
 
 def library_poses(chain: Chain, q: Array) -> Array:
-    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, 6) rad."""
+    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, axes) rad."""
     from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
 
     frames = UrdfTransformManager()
@@ -59,11 +59,11 @@ def library_poses(chain: Chain, q: Array) -> Array:
     return np.array(poses, dtype=float)
 
 
-def _slightly_off(axes: SixAxes, chain: Chain) -> list[str]:
+def _slightly_off(axes: AxisLines, chain: Chain) -> list[str]:
     """What to say of successive axes that are nearly, and not quite, parallel or at right angles."""
     found = []
     for z, z_next, *joints in zip(
-        axes.directions[:5], axes.directions[1:], chain.moving[:5], chain.moving[1:], strict=True
+        axes.directions[:-1], axes.directions[1:], chain.moving[:-1], chain.moving[1:], strict=True
     ):
         sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
         if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
@@ -82,7 +82,8 @@ def _ends_elsewhere(robot: Robot) -> list[str]:
         said.append("axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours")
     if robot.tool != Pose():
         said.append(
-            "the tip is not on axis 6: the way there is in tool; keep it as part of yours, or choose another --tip"
+            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
+            "another --tip"
         )
     return said
 

@@ -1,4 +1,4 @@
-"""The arm between two links of a URDF: six turning joints, their axes, limits and masses."""
+"""The arm between two links of a URDF: its turning joints, their axes, limits and masses."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.arms.axis_lines import AxisLines
 from analysis.arms.robot_section import Joint
-from analysis.arms.six_axes import SixAxes
 from analysis.arms.urdf_file import Urdf, UrdfJoint
 from analysis.kinematics.arm import Array
 from rigs.errors import FileError
+from rigs.schema.robot import FEWEST_AXES, MOST_AXES
 
 _NO_TURN = {
     "prismatic": "it slides: leave it out, with --base or --tip",
@@ -38,7 +39,7 @@ class Chain:
 
 
 def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
-    """Return the chain of six turning joints between two links.
+    """Return the chain of six or seven turning joints between two links.
 
     base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
     Raises FileError for any other chain.
@@ -58,8 +59,8 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     return chain
 
 
-def axes_of(chain: Chain) -> SixAxes:
-    """Return the axes (6) of a chain in its base frame, in mm, all joints at zero."""
+def axes_of(chain: Chain) -> AxisLines:
+    """Return the axes of a chain in its base frame, in mm, all joints at zero."""
     T = _T_base_parting(chain)
     points, directions = [], []
     for joint in chain.down:
@@ -67,7 +68,7 @@ def axes_of(chain: Chain) -> SixAxes:
         if joint.moves:
             points.append(T[:3, 3])
             directions.append(T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis))
-    return SixAxes(np.array(points), np.array(directions), T)
+    return AxisLines(np.array(points), np.array(directions), T)
 
 
 def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
@@ -96,8 +97,8 @@ def _require_an_arm(chain: Chain, where: str) -> None:
         raise FileError(where, f"joint {loose.name} moves the base {chain.base} itself", _REMEDY)
     for joint in chain.moving:
         _require_a_turn(joint, where)
-    if (count := len(chain.moving)) != 6:
-        what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has six"
+    if not FEWEST_AXES <= (count := len(chain.moving)) <= MOST_AXES:
+        what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has six or seven"
         raise FileError(where, what, _REMEDY)
 
 
@@ -133,7 +134,7 @@ def _only_end(urdf: Urdf, start: str, above: dict[str, UrdfJoint], where: str) -
     leaves = [name for name in urdf.masses if name not in parents and name != start]
     moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
     if not moved:
-        raise FileError(where, "has no moving joint", "give the URDF of a six-axis arm")
+        raise FileError(where, "has no moving joint", "give the URDF of an arm of six or seven axes")
     if len(moved) > 1:
         raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
     return moved[0]

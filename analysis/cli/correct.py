@@ -12,6 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from analysis.cli.several import end_with, worst
+from rigs.schema.robot import FEWEST_AXES
 from rigs.schema.vocabulary import Maker, maker_of
 
 _FoundRig = Annotated[
@@ -118,7 +119,11 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
-    _say_next(maker, next((file for file in written if path and file.name == f"corrected-{path.name}"), None))
+    _say_next(
+        maker,
+        next((file for file in written if path and file.name == f"corrected-{path.name}"), None),
+        len(rig.robot.axes),
+    )
     if programs:
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
         say(
@@ -133,10 +138,11 @@ def correct(
     end_with(worst(left))
 
 
-def _say_next(maker: Maker | None, corrected: Path | None) -> None:
-    """Say what a person can do with the corrections; `corrected` is the table of corrected targets."""
-    if maker is None:
+def _say_next(maker: Maker | None, corrected: Path | None, axes: int) -> None:
+    """Say what a person can do with the corrections of an arm; `corrected` is the table of corrected targets."""
+    if maker is None and axes == FEWEST_AXES:
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
     if corrected:
-        say(f"next: send the controller to q1_deg … q6_deg of {corrected}", err=True)
-        say(f"      or, for the targets of a test: rig program RIG … --path {corrected}", err=True)
+        say(f"next: send the controller to q1_deg … q{axes}_deg of {corrected}", err=True)
+        if axes == FEWEST_AXES:
+            say(f"      or, for the targets of a test: rig program RIG … --path {corrected}", err=True)

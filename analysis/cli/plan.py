@@ -30,7 +30,7 @@ def plan(
     tests: Annotated[
         str | None,
         typer.Option(
-            help="Tests, separated by commas: yaw, roll, radial, repeatability; default: those set up in the rig file."
+            help="Tests, by commas: yaw, roll, radial, repeatability, touch; default: those set up in the rig file."
         ),
     ] = None,
     runs: Annotated[

@@ -12,13 +12,13 @@ from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument, direction_option
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
+from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest
 
 
 @command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
 def simulate(
     rig_file: RigArgument,
-    test: Annotated[DrivenTest, typer.Option(help="Test to simulate.")],
+    test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
     direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,

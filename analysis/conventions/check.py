@@ -18,7 +18,7 @@ from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.conventions.wildness import WILDNESS, wild_findings
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -113,7 +113,7 @@ def _no_yaw(runs: Runs) -> str:
 def _no_pair(runs: Runs) -> str:
     ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs if isinstance(run.table, CircleTable)}
     both = any((test, "cw") in ways for test, way in ways if way == "acw")
-    if both or any(run.rig.effects or run.rig.calibrated for run in runs if not isinstance(run.table, PoseTable)):
+    if both or any(run.rig.effects or run.rig.calibrated for run in runs if not isinstance(run.table, PlaceTable)):
         return ""
     return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
 
@@ -123,7 +123,7 @@ def _no_poses(runs: Runs) -> str:
 
 
 def _no_targets(runs: Runs) -> str:
-    targets = any(not isinstance(run.table, CircleTable | PoseTable) for run in runs)
+    targets = any(isinstance(run.table, RadialTable | RepeatabilityTable) for run in runs)
     return "" if targets else "no targets are among the runs"
 
 

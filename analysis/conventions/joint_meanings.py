@@ -1,4 +1,4 @@
-"""What six joint columns may hold in place of what their labels say: one mistake of a person or a program at a time.
+"""What joint columns may hold in place of what their labels say: one mistake of a person or a program at a time.
 
 Axis 3 counted from the horizontal or from axis 2; an axis that counts the other way; two columns exchanged; a zero
 elsewhere.
@@ -19,7 +19,7 @@ _ZEROS_DEG = (90.0, -90.0, 180.0)
 
 @dataclass(frozen=True)
 class Meaning:
-    """Joint columns read in another way: q (n, 6) as labelled to q = q M' + c, with M (6, 6) and c (6,) rad.
+    """Joint columns read in another way: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
 
     words: what is read in place of what is labelled; remedy: what to do if it is right.
     """
@@ -31,57 +31,57 @@ class Meaning:
     offset: Array
 
     def of(self, q: Array) -> Array:
-        """The angles (n, 6) rad that are meant by angles q (n, 6) rad."""
+        """The angles (n, axes) rad that are meant by angles q (n, axes) rad."""
         return np.asarray(q @ self.matrix.T + self.offset)
 
 
-def meanings() -> list[Meaning]:
-    """Return every other way in which the columns may have been meant."""
-    return [*_couplings(), *_directions(), *_orders(), *_zeros()]
+def meanings(axes: int) -> list[Meaning]:
+    """Return every other way in which the columns of so many joints may have been meant."""
+    return [*_couplings(axes), *_directions(axes), *_orders(axes), *_zeros(axes)]
 
 
-def _couplings() -> list[Meaning]:
+def _couplings(axes: int) -> list[Meaning]:
     found = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
-        matrix = np.eye(6)
+        matrix = np.eye(axes)
         matrix[2, 1] = sign
         do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
         found.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
     return found
 
 
-def _directions() -> list[Meaning]:
+def _directions(axes: int) -> list[Meaning]:
     found = []
-    for axis in range(1, 7):
-        matrix = np.eye(6)
+    for axis in range(1, axes + 1):
+        matrix = np.eye(axes)
         matrix[axis - 1, axis - 1] = -1.0
         do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
         found.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
     return found
 
 
-def _orders() -> list[Meaning]:
+def _orders(axes: int) -> list[Meaning]:
     found = []
-    for one, other in combinations(range(1, 7), 2):
-        rows = list(range(6))
+    for one, other in combinations(range(1, axes + 1), 2):
+        rows = list(range(axes))
         rows[one - 1], rows[other - 1] = other - 1, one - 1
         words, do = f"J{one} and J{other} exchanged", f"exchange the columns q{one}_deg and q{other}_deg"
-        found.append(_meaning((one, other), words, do, np.eye(6)[rows]))
+        found.append(_meaning((one, other), words, do, np.eye(axes)[rows]))
     return found
 
 
-def _zeros() -> list[Meaning]:
+def _zeros(axes: int) -> list[Meaning]:
     found = []
-    for axis in range(1, 7):
+    for axis in range(1, axes + 1):
         for off_deg in _ZEROS_DEG:
-            offset = np.zeros(6)
+            offset = np.zeros(axes)
             offset[axis - 1] = np.radians(off_deg)
             words = f"{off_deg:+.0f}° on J{axis}"
             do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
-            found.append(_meaning((axis,), words, do, np.eye(6), offset))
+            found.append(_meaning((axis,), words, do, np.eye(axes), offset))
     return found
 
 
 def _meaning(axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offset: Array | None = None) -> Meaning:
     columns = tuple(f"q{axis}_deg" for axis in axes)
-    return Meaning(columns, words, remedy, matrix, np.zeros(6) if offset is None else offset)
+    return Meaning(columns, words, remedy, matrix, np.zeros(len(matrix)) if offset is None else offset)

@@ -17,7 +17,7 @@ from analysis.conventions.joint_meanings import Meaning, meanings
 from analysis.conventions.off_path import off_path
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 
 JOINTS = "joints"
@@ -78,6 +78,8 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 def cannot_tell(table: Table, rig: Rig) -> str:
     """Why a table cannot show what its joint columns mean; empty where it can."""
+    if isinstance(table, TouchTable):
+        return "a touch has no place of its own"
     if isinstance(table, PoseTable):
         sound = int((table.xyz_mm != 0).any(axis=1).sum())
         return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
@@ -99,7 +101,9 @@ def _judged(table: Table, rig: Rig) -> _Verdict:
 def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> _Verdict:
     few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
     as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
-    screened = sorted(meanings(), key=lambda one: left_mm(few, bare, one.of(few.q), _STEPS, with_turns=with_turns))
+    screened = sorted(
+        meanings(bare.axes), key=lambda one: left_mm(few, bare, one.of(few.q), _STEPS, with_turns=with_turns)
+    )
     values = int(3 * _KEPT * len(table.q)) - 9
     judged = [
         _Judged(one, left_mm(many, bare, one.of(many.q), 100, with_turns=with_turns), values)
@@ -124,8 +128,8 @@ def _some(table: PoseTable, rows: int) -> PoseTable:
 
 
 def left_mm(table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool) -> float:
-    """What the nearest poses leave, rms mm, with base and tool fitted to them, at joints q (n, 6) rad; with turns, each
-    counts as a length beside it."""
+    """What the nearest poses leave, rms mm, with base and tool fitted to them, at joints q (n, axes) rad; with turns,
+    each counts as a length beside it."""
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
@@ -163,7 +167,7 @@ def _on_path(table: Table, rig: Rig) -> _Verdict:
     as_labelled, is_on = off(lambda q: q)
     if is_on:
         return None, as_labelled, []
-    judged = [_Judged(one, left, len(part.q)) for one in meanings() for left, on in [off(one.of)] if on]
+    judged = [_Judged(one, left, len(part.q)) for one in meanings(arm.axes) for left, on in [off(one.of)] if on]
     return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
 
 

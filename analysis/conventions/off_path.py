@@ -9,7 +9,7 @@ import numpy as np
 from analysis.geometry.circle import frame_of
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere
 
@@ -34,6 +34,8 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
     """How far tool poses (n, 4, 4) lie from the test's path; None where the path is not known."""
     circle, hemisphere = rig.tests.circle, rig.tests.hemisphere
     match table:
+        case TouchTable():
+            return None
         case PoseTable():
             return _off_track(T[:, :3, 3], table.xyz_mm)
         case CircleTable():

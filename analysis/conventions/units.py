@@ -15,7 +15,7 @@ from analysis.conventions.gauge_units import circle_gauges, too_far
 from analysis.conventions.off_path import off_path
 from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.rig import Rig
 
 UNITS = "units"
@@ -30,18 +30,20 @@ _ROWS = 20_000
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the units of a table, surest first."""
+    if isinstance(table, TouchTable):  # which has no unit beside that of its angles
+        return
     table = _some(table)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
     if _radians(table, rig, places, forward(arm, np.degrees(table.q))):
-        what = "q1_deg … q6_deg are radians: only then does the robot of the rig file follow the program"
-        columns = tuple(f"q{axis}_deg" for axis in range(1, 7))
+        columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
+        what = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", what, "convert them to degrees")
         return
     for what, remedy in _mistakes(table, rig, places):
         columns = tuple(name for name in what.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)
-    if not isinstance(table, CircleTable | PoseTable) and rig.tests.hemisphere:
+    if isinstance(table, RadialTable | RepeatabilityTable) and rig.tests.hemisphere:
         yield from _unlikely(table, rig.tests.hemisphere.radius_mm)
 
 

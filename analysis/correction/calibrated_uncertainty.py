@@ -81,7 +81,7 @@ class CalibratedUncertainty:
         base = tool_poses(model, q)
         by_joint = np.stack([
             pose_error(base, tool_poses(_with(model, turned(axis, _STEP_DEG)), q)) / np.radians(_STEP_DEG)
-            for axis in range(1, 7)
+            for axis in range(1, model.arm.axes + 1)
         ])  # fmt: skip
         path = Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))
         scene = driven(replace(model, effects=()), path)

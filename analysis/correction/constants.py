@@ -35,9 +35,9 @@ class Correction:
         return self.nominal + self.delta
 
 
-def joint_zeros(found: Sequence[Support]) -> list[Correction]:
+def joint_zeros(rig: Rig, found: Sequence[Support]) -> list[Correction]:
     """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
-    return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, 7)})
+    return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
 
 
 def link_constants(rig: Rig, found: Sequence[Support]) -> list[Correction]:

@@ -23,6 +23,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
+from rigs.schema.robot import FEWEST_AXES
 from rigs.schema.vocabulary import Maker
 
 
@@ -87,6 +88,9 @@ def correct_rig(
             "has no effects to correct",
             "diagnose or calibrate it, and give the rig file written",
         )
+    if len(rig.robot.axes) > FEWEST_AXES and (controller or programs):
+        what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
+        raise UseError("--controller, --program", what, "give joint targets with --path")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
     if entered and programs:
@@ -95,7 +99,7 @@ def correct_rig(
         )
     found = supports(rig)
     entries = controller_entries(rig, found, controller, scale) if controller else None
-    zeros, constants = joint_zeros(found), link_constants(rig, found)
+    zeros, constants = joint_zeros(rig, found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
     filtered = tuple(correct_program(rig, found, program, frames, scale) for program in programs)
     work = _work(rig, found)
@@ -122,7 +126,11 @@ def _targets(
 ) -> tuple[Path, TargetPath, Corrected]:
     """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
     none can be corrected."""
-    given = read_path(path)
+    axes = len(rig.robot.axes)
+    given = read_path(path, axes)
+    if axes > FEWEST_AXES and not given.joints:
+        what = f"has poses, which leave the elbow of an arm of {axes} axes free"
+        raise FileError(str(path), what, f"give joint angles q1_deg … q{axes}_deg")
     hold_uncorrected(given, str(path))
     q, unsolved = (np.radians(given.values), []) if given.joints else angles_for(rig, given.poses())
     targets = corrected(rig, found, q, unsolved)

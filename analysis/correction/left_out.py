@@ -64,4 +64,4 @@ def _driven(q: Array, side: float, begin_s: float) -> Path:
     one = np.arange(len(along)) * (_SWING_S / _STEPS)
     starts = begin_s + np.arange(len(q)) * (one[-1] + _REST_S)
     rows = np.arange(len(q)) * len(one) + 2 * _STEPS
-    return Path(Motion((starts[:, None] + one).ravel(), swings.reshape(-1, 6)), rows)
+    return Path(Motion((starts[:, None] + one).ravel(), swings.reshape(-1, q.shape[1])), rows)

@@ -19,8 +19,8 @@ from analysis.model.predict import Path, driven, model_of
 from analysis.robot_programs.compensated import reached, targets_of
 from analysis.robot_programs.plan import Plan
 from rigs.effects import Effect
-from rigs.effects.backlash import Backlash
 from rigs.rig import Rig
+from rigs.schema.effect import is_play
 
 _BETWEEN = 16
 """Places between two targets at which the turning of a joint is looked at."""
@@ -31,7 +31,9 @@ _CERTAIN_U = 2.0
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
     """Return the plays of a rig file that are known well enough to be corrected in a program."""
     unsure = {id(one.effect) for one in supports(rig) if one.value < _CERTAIN_U * one.u}
-    return tuple(effect for effect in rig.effects if isinstance(effect, Backlash) and id(effect) not in unsure)
+    return tuple(
+        effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
+    )
 
 
 def ahead_of_plays(rig: Rig, plan: Plan) -> Array:

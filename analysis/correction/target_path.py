@@ -18,7 +18,7 @@ from analysis.files.cells import value
 from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.kinematics.arm import Array, roll_pitch_yaw
-from analysis.traces.table_layout import JOINTS, PLACE, TURN
+from analysis.traces.table_layout import JOINTS, PLACE, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -32,8 +32,8 @@ or unknown), and whether the target was corrected (yes or no)."""
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets: `columns` of the file by name, `lines` (n,) of each row, and `values` (n, 6) of `names`, in mm and
-    degrees."""
+    """Targets: `columns` of the file by name, `lines` (n,) of each row, and `values` (n, axes or 6) of `names`, in mm
+    and degrees."""
 
     columns: dict[str, list[str]]
     names: tuple[str, ...]
@@ -43,7 +43,7 @@ class TargetPath:
     @property
     def joints(self) -> bool:
         """Whether the targets are joint angles; otherwise they are poses."""
-        return self.names == JOINTS
+        return self.names != POSES
 
     def poses(self) -> Array:
         """Return the poses (n, 4, 4) of targets given as poses, in the world of the rig file."""
@@ -55,16 +55,17 @@ class TargetPath:
         return T
 
 
-def read_path(path: Path) -> TargetPath:
-    """Read targets, as joint angles if the table has them. Raises FileError for a file that is not a path, and
-    TableFileError with every bad cell."""
+def read_path(path: Path, axes: int = 6) -> TargetPath:
+    """Read targets of an arm of so many axes, as joint angles if the table has them. Raises FileError for a file that
+    is not a path, and TableFileError with every bad cell."""
     names, rows = _rows(path)
-    wanted, others = (JOINTS, POSES) if set(JOINTS) <= set(names) else (POSES, JOINTS)
+    joints = joint_columns(axes)
+    wanted, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED}.isdisjoint(names)  # of which more is said later
     if not is_corrected and set(wanted) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has the columns {wanted[0]} … {wanted[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
-    return _targets(path, names, rows, wanted, f"give {','.join(JOINTS)}, or {','.join(POSES)}")
+    return _targets(path, names, rows, wanted, f"give {','.join(joints)}, or {','.join(POSES)}")
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
@@ -91,7 +92,7 @@ def _targets(
         for line, row in rows
         if len(row) != len(names)
     ]
-    values = np.zeros((len(rows), 6))
+    values = np.zeros((len(rows), len(wanted)))
     for k, (line, row) in enumerate(rows):
         for column, name in enumerate(wanted):
             if len(row) == len(names):
@@ -116,11 +117,12 @@ def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
     not corrected stays as it was, and has no numbers that are not known of it."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
+    names = (*joint_columns(found.q.shape[1]), *POSES)
     values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
-    values[np.ix_(~found.done, np.isin((*JOINTS, *POSES), path.names))] = path.values[~found.done]
+    values[np.ix_(~found.done, np.isin(names, path.names))] = path.values[~found.done]
     columns |= {
         name: _cells(np.round(column, 7) + 0.0)  # no -0.0
-        for name, column in zip((*JOINTS, *POSES), values.T, strict=True)
+        for name, column in zip(names, values.T, strict=True)
     }
     added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), 1e3 * found.u_mm, 1e3 * found.u_frame_mm)
     columns |= {name: _cells(np.round(one, 6)) for name, one in zip(ADDED, added, strict=False)}

@@ -52,7 +52,7 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     elif len(work) < _FEWEST:
         low, high = low - _AROUND_RAD, high + _AROUND_RAD
     low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
-    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, 6))
+    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
     return postures
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.files.table_problems import quoted
 from analysis.kinematics.arm import Array
-from analysis.traces.table_layout import COUNTS, WORDS
+from analysis.traces.table_layout import COUNTS, SOCKET, WORDS
 from analysis.traces.table_rules import LARGEST
 from rigs.schema.vocabulary import direction_of
 
@@ -22,6 +22,7 @@ _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
 """Where a text has no other characters, float() and `value` agree on whether it is a number."""
 Value = float | int | str
+MOST_LETTERS = 40
 
 
 def value(column: str, text: str) -> Value:
@@ -29,6 +30,8 @@ def value(column: str, text: str) -> Value:
     text = text.strip(" \t")
     if not text:
         raise ValueError("has no value; fill it in or remove the row")
+    if column == SOCKET:
+        return _label(text)
     if column in WORDS:
         return _word(text, WORDS[column])
     return _count(text) if column in COUNTS else _number(text)
@@ -66,6 +69,12 @@ def _count(text: str) -> int:
     if not _COUNT.fullmatch(text) or float(text) < 1:
         raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
     return int(float(text))
+
+
+def _label(text: str) -> str:
+    if len(text) > MOST_LETTERS or not text.isprintable():
+        raise ValueError(f"{quoted(text)} is no name of a socket: at most {MOST_LETTERS} letters, digits and signs")
+    return text
 
 
 def _word(text: str, known: tuple[str, ...]) -> str:

@@ -12,9 +12,8 @@ from analysis.files.cells import Value, numbers, value
 from analysis.files.formulas import as_it_was
 from analysis.files.table_problems import Problems, TableProblem
 from analysis.kinematics.arm import Array
-from analysis.traces.table_layout import COUNTS, LAYOUTS, WORDS
+from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
 from daq.store.schema import ColumnType
-from rigs.schema.vocabulary import TestName
 
 _BATCH_CELLS = 100_000
 """Cells that are objects of Python at a time: some 6 MB."""
@@ -24,7 +23,7 @@ Columns = Mapping[str, pa.ChunkedArray]
 """Columns by name, null where a cell is bad."""
 
 
-def columns_of(rows: Iterator[Row], names: list[str], test: TestName, problems: Problems) -> tuple[Columns, np.ndarray]:
+def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: Problems) -> tuple[Columns, np.ndarray]:
     """Columns of rows that have a field for each name, and the number of each row's line (n,); bad cells become
     problems."""
     parts: dict[str, list[pa.Array]] = {name: [] for name in names}
@@ -32,24 +31,24 @@ def columns_of(rows: Iterator[Row], names: list[str], test: TestName, problems: 
     while batch := list(islice(rows, max(1, _BATCH_CELLS // len(names)))):
         lines.append(np.array([line for line, _ in batch]))
         for name, texts in zip(names, zip(*(fields for _, fields in batch), strict=True), strict=True):
-            parts[name].append(pa.array(_values(name, texts, lines[-1], test, problems), column_type(name, test)))
-    columns = {name: pa.chunked_array(arrays, column_type(name, test)) for name, arrays in parts.items()}
+            parts[name].append(pa.array(_values(name, texts, lines[-1], layout, problems), column_type(name, layout)))
+    columns = {name: pa.chunked_array(arrays, column_type(name, layout)) for name, arrays in parts.items()}
     return columns, np.concatenate(lines)
 
 
-def column_type(name: str, test: TestName) -> ColumnType:
-    """The type of a column in a table of a test."""
-    if name not in LAYOUTS[test].known or name in WORDS:
+def column_type(name: str, layout: Layout) -> ColumnType:
+    """The type of a column in a table of a layout."""
+    if name not in layout.known or name in WORDS or name == SOCKET:
         return "string"
     return "int64" if name in COUNTS else "double"
 
 
 def _values(
-    name: str, texts: Sequence[str], lines: np.ndarray, test: TestName, problems: Problems
+    name: str, texts: Sequence[str], lines: np.ndarray, layout: Layout, problems: Problems
 ) -> Sequence[Value | None] | Array:
-    if name not in LAYOUTS[test].known:
+    if name not in layout.known:
         return [as_it_was(text) for text in texts]
-    if column_type(name, test) == "double" and (found := numbers(texts)) is not None:
+    if column_type(name, layout) == "double" and (found := numbers(texts)) is not None:
         return found
     read = {text: _read(name, text) for text in set(texts)}
     for line, text in zip(lines.tolist(), texts, strict=True):

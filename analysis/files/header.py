@@ -7,7 +7,7 @@ import re
 from collections import Counter
 
 from analysis.files.table_problems import TableFileError, TableProblem, quoted
-from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout
+from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout, came_from_columns, layout_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import TestName
 from rigs.text import as_argument
@@ -19,14 +19,14 @@ _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word i
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
 
 
-def check_header(where: str, names: list[str], test: TestName, direction_given: bool) -> None:
+def check_header(where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6) -> None:
     """Whether these columns make a table of a test.
 
     direction_given: a direction column may be missing. Raises FileError for another separator,
     TableFileError for wrong or missing columns.
     """
     _separator(where, names)
-    layout = LAYOUTS[test]
+    layout = layout_of(test, axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
@@ -39,6 +39,10 @@ def check_header(where: str, names: list[str], test: TestName, direction_given: 
     turns = [name for name in TURN if name in names]
     if test == "pose" and 0 < len(turns) < len(TURN):
         problems.append(TableProblem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
+    came = [name for name in came_from_columns(axes) if name in names]
+    if test == "touch" and 0 < len(came) < axes:
+        every = ", ".join(came_from_columns(axes))
+        problems.append(TableProblem(1, "", f"has {' and '.join(came)} only; give all of {every}, or none"))
     if problems:
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}")
 

@@ -24,7 +24,7 @@ from analysis.files.other_formats import refuse_comments, refuse_other_formats
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
-from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource
+from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
 from daq.store.schema import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -89,9 +89,11 @@ def parse_csv(
     names = [as_it_was(name) for name in names]
     if joints == "commanded":
         names = _commanded(names, where)
-    check_header(where, names, test, direction is not None)
+    axes = len(rig.robot.axes)
+    layout = layout_of(test, axes)
+    check_header(where, names, test, direction is not None, axes)
     problems = Problems()
-    columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, test, problems)
+    columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
         raise FileError(where, "has a header and no rows", "give the measured rows")
     if direction and "direction" not in columns:
@@ -99,7 +101,7 @@ def parse_csv(
     problems.add(check_sequence(columns, lines, test, rig, direction))
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
-    return pa.table(columns, schema=table_schema({name: column_type(name, test) for name in columns}))
+    return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
 
 
 def _commanded(names: list[str], where: str) -> list[str]:

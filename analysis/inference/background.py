@@ -477,7 +477,7 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """Yield the free forms that the runs could show, with columns (N, c)."""
     # On circles joints move while they are read, elsewhere between readings.
     motion = _Motion(tuple(block for block in linear.blocks if block.sampling) or linear.blocks)
-    for axis in range(1, 7):
+    for axis in range(1, linear.axes + 1):
         error = f"an error of axis {axis} that goes with"
         if motion.span[axis - 1] > 0:
             yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
@@ -500,18 +500,18 @@ class _Motion:
 
     @cached_property
     def _low(self) -> Array:
-        """The smallest angles (6,) rad."""
+        """The smallest angles (axes,) rad."""
         return np.asarray(np.min([block.one.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
 
     @cached_property
     def span(self) -> Array:
-        """The range (6,) rad of the joints."""
+        """The range (axes,) rad of the joints."""
         highest: Array = np.max([block.one.path.q.max(axis=0) for block in self.blocks], axis=0)
         return highest - self._low
 
     @cached_property
     def fastest(self) -> Array:
-        """The largest speeds (6,) rad/s of the joints."""
+        """The largest speeds (axes,) rad/s of the joints."""
         return np.asarray(np.max([np.abs(_rates(block)).max(axis=0) for block in self.blocks], axis=0), dtype=float)
 
     def angle(self, joint: int, block: Block) -> Array:

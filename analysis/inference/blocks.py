@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.inference.noise import (
     POSE_MM,
+    TOUCH_MM,
     CircleNoise,
     Repeated,
     ScatteredRuns,
@@ -38,7 +39,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import PoseTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable, TouchTable, test_of
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -128,13 +129,20 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: S
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     noise = circle_noise([_repeated(raw) for raw in circles], float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in grouped))}
+    kinds = [_strength_of(raw.first.one) for raw in grouped]
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
-        _circle_block(raw, sds[raw.name], noise, numbers[raw.first.one.setup])
+        _circle_block(raw, sds[raw.name], noise, numbers[kind])
         if raw.first.sampling
-        else _target_block(raw, noise, numbers[raw.first.one.setup])
-        for raw in grouped
+        else _target_block(raw, noise, numbers[kind])
+        for raw, kind in zip(grouped, kinds, strict=True)
     ]
+
+
+def _strength_of(one: Observation) -> str:
+    """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
+    ball is seated in them."""
+    return test_of(one.table) if isinstance(one.table, TouchTable) else one.setup
 
 
 def targets_key(run: ObservedRun) -> bytes:
@@ -232,8 +240,8 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
-    if isinstance(table, PoseTable) and not measured:
-        sd = np.full(len(sd), POSE_MM)
+    if isinstance(table, PlaceTable) and not measured:
+        sd = np.full(len(sd), TOUCH_MM if isinstance(table, TouchTable) else POSE_MM)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
@@ -246,7 +254,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
 def _visit_numbers(one: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
     table, keys = one.table, _visit_keys(one)
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         visit = visits(table.q[one.rows], _SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
@@ -320,9 +328,9 @@ class SimulatedBlock:
 
     @cached_property
     def slopes(self) -> Array:
-        """The derivatives (m, k, 6) of the readings in mm by the errors of the joints in rad."""
-        slopes = np.empty((*self.base.shape, 6))
-        for axis in range(1, 7):
+        """The derivatives (m, k, axes) of the readings in mm by the errors of the joints in rad."""
+        slopes = np.empty((*self.base.shape, self.block.model.arm.axes))
+        for axis in range(1, self.block.model.arm.axes + 1):
             effects = (*self.known, turned(axis, _STEP_DEG))
             slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
         slopes /= np.radians(_STEP_DEG)
@@ -350,7 +358,7 @@ class SimulatedBlock:
         return recent(self._scenes, early, lambda: driven(model, path), _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
-        """Return the errors (n, 6) rad of the joints that one effect makes after those of earlier stages. They are
+        """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
         kept, because errors of joints add and a fit changes few effects at a time."""
         joints = self._joints(early)
 
@@ -446,8 +454,8 @@ class SharedBlock(SimulatedBlock):
 
 
 def _turned_axes(error: Array) -> list[int]:
-    """Return the numbers (0 … 5) of the joints that have errors among (n, 6) rad. A product of few rows takes a quarter
-    of the time that numpy's `any` takes along many short ones."""
+    """Return the numbers (from 0) of the joints that have errors among (n, axes) rad. A product of few rows takes a
+    quarter of the time that numpy's `any` takes along many short ones."""
     return np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist()
 
 

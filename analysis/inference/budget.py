@@ -16,7 +16,7 @@ from analysis.inference.result import BudgetPart, Gap, Named, Rank, Share
 from analysis.inference.search import SearchResult
 from analysis.inference.state import FAULT
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, size_field
 
@@ -54,7 +54,7 @@ class Measure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if isinstance(block.one.table, PoseTable) else 1) / len(factor)
+                factor[:] = (3 if isinstance(block.one.table, PlaceTable) else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return np.concatenate(parts)
 

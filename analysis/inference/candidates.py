@@ -15,7 +15,7 @@ from analysis.inference.blocks import Block
 from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.inference.responses import Linearisation, Response
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable, PoseTable
+from analysis.traces.tables import CircleTable, PlaceTable, TouchTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.play import play
@@ -82,7 +82,7 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
     tables = [block.one.table for block in blocks]
     timed = any(isinstance(table, CircleTable) for table in tables)
-    gauged = any(not isinstance(table, PoseTable) for table in tables)
+    gauged = any(not isinstance(table, PlaceTable) for table in tables)
     gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks).tolist()))
@@ -325,7 +325,8 @@ class Columns:
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
     scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
     prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
-    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible.
+    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible;
+    `constants_apart` is whether constants of the arm have widths of their own, as touches show them.
     """
 
     X: Array
@@ -336,6 +337,7 @@ class Columns:
     fixed: Array
     healthy_mean: Array
     not_seen: tuple[str, ...] = ()
+    constants_apart: bool = False
     _products: WeakKeyDictionary[Response, Array] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
     @cached_property
@@ -358,7 +360,8 @@ class Columns:
     @cached_property
     def curves(self) -> CurveColumns:
         """Those of the columns that are waves of joints over their angles."""
-        return curve_columns([effect for form in self.forms for effect in form.effects])
+        effects = [effect for form in self.forms for effect in form.effects]
+        return curve_columns(effects, constants_apart=self.constants_apart)
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
@@ -456,6 +459,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         not_seen,
+        all(isinstance(block.one.table, TouchTable) for block in linear.blocks),
     )
 
 

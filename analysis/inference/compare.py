@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.inference.observation import outside_effect_coverage, residuals_of
+from analysis.inference.observation import by_socket, outside_effect_coverage, residuals_of
 from analysis.inference.setups import fit_setups, observe_runs, split_by_frame
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
@@ -23,7 +23,7 @@ from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.rig import Rig
 
 
@@ -132,20 +132,22 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     model = model_of(rig)
     for run in runs:
         hold_targets(run.table, rig, str(run.path))
+    pieces = [(run, one) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for one in by_socket(whole)]
+    runs = [run for run, _ in pieces]
     names = [run.run.manifest.name for run in runs]
-    observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
+    observations, doubts = split_by_frame(model, [one for _, one in pieces], names)
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     placed = fit_setups([(model, one) for one in observations])
     comparisons, poses = [], []
     for run, one, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
-        if isinstance(run.table, PoseTable):
+        if isinstance(run.table, PlaceTable):
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
             comparisons.append(_one(run, model, placed[one.setup], one.rows, residual))
-    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PoseTable)}
+    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PlaceTable)}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 

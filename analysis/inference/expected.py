@@ -25,15 +25,16 @@ from analysis.inference.candidates import (
     shares_beside,
 )
 from analysis.inference.noise import DRIFTING_SHARE
-from analysis.inference.observation import ObservedRun, observe_run
+from analysis.inference.observation import ObservedRun, by_socket, observe_run
 from analysis.inference.refine import refine
 from analysis.inference.responses import Linearisation, linearise
 from analysis.inference.result import ODDS
+from analysis.inference.setups import fit_setups
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable, Table
+from analysis.traces.tables import CircleTable, Table, TouchTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
@@ -210,8 +211,10 @@ def planned_blocks(
     """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
-    seen = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
+    driven = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
+    seen = [replace(run, one=one) for run in driven for one in by_socket(run.one)]
     setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
+    setups |= fit_setups([(run.model, run.one) for run in seen if isinstance(run.one.table, TouchTable)])
     return [_repeated(block, runs) for block in blocks_of(seen, setups)], setups
 
 

@@ -12,24 +12,26 @@ from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.errors import UseError
 from rigs.schema.effect import healthy, is_wave, phases, scaled
 
+_AXES = ("axis", "from_axis", "to_axis")
 
-def parse_effects(words: str) -> list[Effect]:
-    """Return the effects of a list, each once, bounded ones at half a healthy size. Raises UseError for an unknown
-    effect or place."""
-    found = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word)]
+
+def parse_effects(words: str, axes: int = 6) -> list[Effect]:
+    """Return the effects of a list for an arm of so many axes, each once, bounded ones at half a healthy size. Raises
+    UseError for an unknown effect or place."""
+    found = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word, axes)]
     if not found:
         raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(found))
 
 
-def given_effects(words: str) -> list[Effect]:
-    """Return the effects of a list, each once, a wave with the phase at which its fit begins. Raises UseError as
-    `parse_effects` does."""
-    quarters = {other for effect in parse_effects(words) for other in phases(effect)[1:]}
-    return [effect for effect in parse_effects(words) if effect not in quarters or not is_wave(effect)]
+def given_effects(words: str, axes: int = 6) -> list[Effect]:
+    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit
+    begins. Raises UseError as `parse_effects` does."""
+    quarters = {other for effect in parse_effects(words, axes) for other in phases(effect)[1:]}
+    return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
 
 
-def _expanded(word: str) -> list[Effect]:
+def _expanded(word: str, axes: int) -> list[Effect]:
     name, _, place = word.partition(":")
     if name not in VOCABULARY:
         raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
@@ -38,7 +40,10 @@ def _expanded(word: str) -> list[Effect]:
     if not match:
         example = f"{name}:{written.example}" if written.example else name
         raise UseError(f"--fit {word}", f"{name} has no place {place!r}", f"write {example}")
-    keys = {key: (value,) if value is not None else written.every[key] for key, value in match.groupdict().items()}
+    every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
+    keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
+    if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
+        raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
     starts = [_starting_effect(word, name, dict(zip(keys, values, strict=True))) for values in product(*keys.values())]
     return [half for effect in starts for half in phases(effect)]
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
-from rigs.schema.effect import is_wave
+from rigs.schema.effect import is_wave, size_field
+from rigs.schema.robot import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
 """Expected width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
@@ -34,6 +35,8 @@ _DECAY, _DECAY_SPREAD = 1.0, 0.5
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
 """Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
 healthy sizes is 0.1°."""
+_MOST_OF_A_KIND = 5.0
+"""Largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own name."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
 
@@ -43,24 +46,41 @@ def is_of_curve(effect: Effect) -> bool:
     return is_wave(effect) and effect.STAGE == "joint"
 
 
+def _kind_of(effect: Effect) -> int | None:
+    """Return which width an effect of an arm's shape shares with others of its kind: 0 of angles, 1 of lengths, 2 of
+    what yields under gravity; None of any other effect."""
+    if effect.part == "gravity" and effect.STAGE == "joint":
+        return 2
+    if effect.compensation().constant is None:
+        return None
+    return int(effect.unit(size_field(effect)) == "mm")
+
+
 @dataclass(frozen=True)
 class JointCurves:
-    """How large the curves of six joints are: their widths in healthy sizes of a gear error, and how fast the
-    amplitudes decay with the order."""
+    """How large the curves of an arm's joints are: their widths in healthy sizes of a gear error, and how fast the
+    amplitudes decay with the order. Where the kinds of an arm's constants have widths of their own, those of angles,
+    lengths and compliances follow those of as many joints as an arm can have, in healthy sizes."""
 
-    widths: tuple[float, ...] = (1.0,) * 6
+    widths: tuple[float, ...]
     decay: float = _DECAY
 
 
 @dataclass(frozen=True, eq=False)
 class CurveColumns:
     """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), and how many
-    whole orders each stands for (c,)."""
+    whole orders each stands for (c,). Constants with a width of their own stand as waves of order 1 of further joints,
+    one for each kind."""
 
     columns: NDArray[np.int64]
     joint: NDArray[np.int64]
     order: Array
     among: Array
+
+    @property
+    def count(self) -> int:
+        """How many widths there are."""
+        return int(self.joint.max(initial=-1)) + 1
 
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
@@ -72,17 +92,19 @@ class CurveColumns:
         its derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared."""
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
 
-        expected = np.array([np.log(_WIDTH)] * 6 + [_DECAY])
-        spread = np.array([_WIDTH_SPREAD] * 6 + [_DECAY_SPREAD])
+        joints = len(start.widths)
+        expected = np.array([np.log(_WIDTH)] * joints + [_DECAY])
+        spread = np.array([_WIDTH_SPREAD] * joints + [_DECAY_SPREAD])
 
         def cost(x: Array) -> tuple[float, Array]:
             likely, by_variance = log_likelihood(_curves(x))
-            slope = np.append(np.bincount(self.joint, 2 * by_variance, 6), -2 * np.log(self.order) @ by_variance)
+            slope = np.append(np.bincount(self.joint, 2 * by_variance, joints), -2 * np.log(self.order) @ by_variance)
             away = (x - expected) / spread
             return 0.5 * float(away @ away) - likely, away / spread - slope
 
         begin = np.append(np.log(start.widths), start.decay)
-        bounds = [tuple(np.log(_WIDTHS))] * 6 + [_DECAYS]
+        high = [_MOST_OF_A_KIND if joint >= MOST_AXES else _WIDTHS[1] for joint in range(joints)]
+        bounds = [*((np.log(_WIDTHS[0]), np.log(most)) for most in high), _DECAYS]
         enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
         found = minimize(
             cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
@@ -90,8 +112,9 @@ class CurveColumns:
         return _curves(found.x)
 
 
-def curve_columns(effects: Sequence[Effect]) -> CurveColumns:
-    """Return the columns of joint curves among those of some effects, one each."""
+def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -> CurveColumns:
+    """Return the columns of joint curves among those of some effects, one each, and those of the arm's constants where
+    these have widths of their own."""
     own = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
     joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in own.tolist()], dtype=np.int64)
     order = np.array([float(getattr(effects[k], "order", 1.0)) for k in own.tolist()])
@@ -100,8 +123,14 @@ def curve_columns(effects: Sequence[Effect]) -> CurveColumns:
         orders = np.unique(order[joint == j])
         if len(orders) > 1:
             among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
+    if constants_apart:
+        kinds = {k: kind for k, effect in enumerate(effects) if (kind := _kind_of(effect)) is not None}
+        place = np.array(list(kinds), dtype=np.int64)
+        own = np.concatenate([own, place])
+        joint = np.concatenate([joint, MOST_AXES + np.array(list(kinds.values()), dtype=np.int64)])
+        order, among = np.append(order, np.ones(len(place))), np.append(among, np.ones(len(place)))
     return CurveColumns(own, joint, order, among)
 
 
 def _curves(x: Array) -> JointCurves:
-    return JointCurves(tuple(np.exp(x[:6]).tolist()), float(x[6]))
+    return JointCurves(tuple(np.exp(x[:-1]).tolist()), float(x[-1]))

@@ -22,8 +22,9 @@ from analysis.inference.observation import (
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.effects import turned
+from rigs.schema.robot import MOST_AXES
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The scatter of joints and ball between runs, which moves all readings of a run together.
@@ -42,7 +43,7 @@ DRIFTING_SHARE = 0.5
 move joints and ball smoothly. Chosen: one half."""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
 """Shares that are tried where repeats determine it. Chosen: a few runs do not separate closer ones."""
-_OWN = (slice(0, 6), slice(6, 9))
+_OWN = (slice(None, -3), slice(-3, None))
 """The columns of a response that belong to the joints, and to the ball."""
 _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
@@ -62,13 +63,21 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to its unit, of the six joints and then of the ball, if it is
+        """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if it is
         included."""
-        return np.array([self.joints] * 6 + [self.ball] * 3)[:terms]
+        return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
         """Return the drifting scatter (terms,), relative to its unit, in the same order."""
-        return np.array([self.drifting_joints] * 6 + [self.drifting_ball] * 3)[:terms]
+        return _by_term(self.drifting_joints, self.drifting_ball, terms)
+
+
+def _by_term(joints: float, ball: float, terms: int) -> Array:
+    """Return scatter by term (terms,): of all joints, and of the ball where there are more terms than joints."""
+    found = np.full(terms, joints)
+    if terms > MOST_AXES:
+        found[-3:] = ball
+    return found
 
 
 ASSUMED_SCATTER = RunScatter(
@@ -86,15 +95,15 @@ def average_scatter(every: Sequence[RunScatter]) -> RunScatter:
 
 
 def scatter_response(model: Model, one: Observation, setup: SetUp) -> Array:
-    """Return the response of the readings, (m, k, 9) mm, to a unit scatter of each joint and of the ball; for poses,
-    whose instrument frame is always fitted, of the joints alone, (m, 3, 6)."""
+    """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
+    poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
     scene = moved(model, one.path)
     base = predicted_in_scene(model, one, scene, setup)
     columns = []
-    for axis in range(1, 7):
+    for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
         columns.append(predicted(off, one, setup) - base)
-    if not isinstance(one.table, PoseTable):
+    if not isinstance(one.table, PlaceTable):
         steps = SCATTER_MM * np.eye(3)
         columns += [
             predicted_in_scene(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps
@@ -112,8 +121,8 @@ def drift_waves(share: Array) -> Array:
 @dataclass(frozen=True)
 class ScatteredRuns:
     """Deviations `apart` (n, N) mm of n runs from their mean, and their responses to a unit scatter: `constant`
-    (N, 9) mm and `drifting` (w, N, 9) mm. `stamps` (N, s) mm is what one standard deviation of the scatter of stamps
-    adds at a few angles."""
+    (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm. `stamps` (N, s) mm is what one standard deviation of the
+    scatter of stamps adds at a few angles."""
 
     apart: Array
     constant: Array
@@ -252,6 +261,10 @@ _AGREEMENT = 4.0
 tenfold differences between the targets of real cells likely."""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
+TOUCH_MM = 0.1
+"""Scatter of a coordinate of a ball that is seated by hand, if no posture was touched twice: a model of constants,
+gravity and curves leaves 0.1 to 0.2 mm of two Pandas and an iiwa (Franzese et al., MUKCa, 2024). The readings say how
+much less or more it is; a search that begins with too little explains scatter by the arm."""
 POSE_MM = 0.04
 """Scatter of a coordinate of a pose if no pose was visited twice: UR10, two visits (Landgraf et al. 2021)."""
 

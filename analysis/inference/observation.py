@@ -21,7 +21,7 @@ from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, pat
 from analysis.model.scene import Scene
 from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
+from analysis.traces.tables import CircleTable, PlaceTable, RadialTable, RepeatabilityTable, Table, TouchTable, test_of
 from rigs.effects import Effect
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def observe(model: Model, table: Table, where: str) -> Observation:
     rows = np.arange(len(table.q))
     if isinstance(table, RadialTable | RepeatabilityTable):
         hold_targets(table, model.rig, where)
-    values = table.xyz_mm if isinstance(table, PoseTable) else table.g_mm[:, None]
+    values = table.xyz_mm if isinstance(table, PlaceTable) else table.g_mm[:, None]
     return Observation(table, path_of(model, table), rows, values, test_of(table))
 
 
@@ -72,6 +72,18 @@ def with_placement(one: Observation, placement: str) -> Observation:
     """Return the observation with the set-up of a placement that the user named; without a name, that of the test
     alone."""
     return replace(one, setup=f"{one.setup} at {placement}") if placement else one
+
+
+def by_socket(one: Observation) -> list[Observation]:
+    """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
+    The place of each socket is a set-up of its own."""
+    if not isinstance(one.table, TouchTable):
+        return [one]
+    socket = one.table.socket[one.rows]
+    return [
+        replace(one, rows=one.rows[own], values=one.values[own], setup=f"{one.setup}, socket {name}")
+        for name, own in ((name, socket == name) for name in np.unique(socket).tolist())
+    ]
 
 
 def thinned(one: Observation, most: int) -> Observation:
@@ -89,7 +101,7 @@ def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
 def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
     values = read(model, one.table, one.path, scene, setup)
-    if isinstance(one.table, PoseTable):
+    if isinstance(one.table, PlaceTable):
         values = values[:, [3, 7, 11]]
     return values[one.rows]
 

@@ -71,6 +71,8 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
             found.append(FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),)))
         if "repeatability" not in tests:
             found.append(FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),)))
+    if rig.tests.touch and "touch" not in tests:
+        found.append(FurtherTest(("touch",), "one place in many postures, without gauges", (("touch", rig),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return found + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
@@ -245,7 +247,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     forms: dict[str, list[Candidate]] = {}
     for one in expected.candidates:
         forms.setdefault(label_of(one.effect), []).append(one)
-    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, 7)])
+    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)])
     chosen, detectabilities = [], []
     for label, own in forms.items():
         one = sorted(own, key=lambda form: form.size)[len(own) // 2]
@@ -464,8 +466,10 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     an unknown name."""
     if names is None:
         circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
+        if rig.tests.touch and not circle and not rig.tests.hemisphere:
+            return ("touch",)
         return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
-    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability")
+    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability", "touch")
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in known:

@@ -10,14 +10,21 @@ import numpy as np
 from analysis.conventions.check import findings_of
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.inference.observation import Observation, ObservedRun, observe_run, residuals_of, with_placement
+from analysis.inference.observation import (
+    Observation,
+    ObservedRun,
+    by_socket,
+    observe_run,
+    residuals_of,
+    with_placement,
+)
 from analysis.inference.setups import fit_run_setups, part, split_by_frame, with_effects, with_enough_readings
 from analysis.kinematics.arm import Array, Mask
 from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import by_accident
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PlaceTable, Table
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -46,14 +53,15 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     _hold_some(uses[0], runs, wrong)
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
-    found, doubts = _split_by_frame([seen[k] for k in kept], [names[k] for k in kept])
+    pieces = [(k, replace(seen[k], one=one)) for k in kept for one in by_socket(seen[k].one)]
+    found, doubts = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
     for k, finding in reversed(wrong.items()):
         doubts.insert(0, f"{names[k]} is left out: {finding.words}")
     doubts += _likely(found_wrong)
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
-        own = [run for k, run in zip(kept, found, strict=True) if use_of[k] == number]
+        own = [run for (k, _), run in zip(pieces, found, strict=True) if use_of[k] == number]
         enough, too_few = with_enough_readings([run.one for run in own]) if own else ([], [])
         parts.append([own[k] for k in enough])
         doubts += too_few
@@ -186,7 +194,7 @@ def without_wild(
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
     """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
     themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
-    poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PoseTable)]
+    poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PlaceTable)]
     found = set()
     for setup in dict.fromkeys(runs[k].one.setup for k in poses):
         own = [k for k in poses if runs[k].one.setup == setup]
@@ -228,7 +236,7 @@ def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: s
     own = [k for k, run in enumerate(runs) if run.one.setup == setup]
     count = sum(len(runs[k].one.rows) for k in own)
     wild = count - sum(len(sound[k].one.rows) for k in own)
-    if isinstance(runs[own[0]].one.table, PoseTable):
+    if isinstance(runs[own[0]].one.table, PlaceTable):
         what, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
     else:
         what = f"readings at the targets of {setup}"

@@ -15,7 +15,7 @@ from analysis.inference.result import Curve, Map, Place, ResidualBand
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PoseTable, test_of
+from analysis.traces.tables import CircleTable, PlaceTable, test_of
 from rigs.schema.vocabulary import Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> 
 
 def _at_targets(block: Block, left: Array) -> list[Place]:
     table = block.one.table
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
         noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), block.one.rows + 1
         what = "poses"
@@ -310,7 +310,7 @@ def _curve(block: Block, before: Array, after: Array) -> Curve:
 
 def _map(block: Block, before: Array, after: Array) -> Map:
     table = block.one.table
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         sizes = [1e3 * np.linalg.norm(values.reshape(-1, 3), axis=1) for values in (before, after)]
         none = np.full(len(sizes[0]), np.nan)
         return Map("pose", np.arange(1.0, len(none) + 1), none, none, *sizes)

@@ -18,7 +18,7 @@ from analysis.inference.setups import columns_of, moved_setup, tool_shift
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp
 from analysis.model.scene import Scene
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 
@@ -114,6 +114,11 @@ class Linearisation:
         return np.concatenate([block.white(block.y_mm) for block in self.blocks])
 
     @property
+    def axes(self) -> int:
+        """The number of joints of the arm."""
+        return self.blocks[0].model.arm.axes
+
+    @property
     def known(self) -> tuple[Effect, ...]:
         """The effects beside those of the rig file that are part of the model."""
         return self.simulated[0].known
@@ -175,7 +180,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U that belong to placements of poses."""
-        poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PoseTable)]
+        poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PlaceTable)]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -193,7 +198,7 @@ class Linearisation:
         own = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
         scenes = self._scenes(())
         there, here = (self._left((), scenes, self.setups_moved_by(one)) for one in (own, np.zeros_like(own)))
-        entries = sum(len(one.y_mm) for one in self.blocks if isinstance(one.one.table, PoseTable))
+        entries = sum(len(one.y_mm) for one in self.blocks if isinstance(one.one.table, PlaceTable))
         return bool(np.linalg.norm(there - here + self.U @ own) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -254,7 +259,7 @@ class Linearisation:
         moves, count = np.zeros(self.U.shape[1]), Counter(one.block.one.setup for one in self.simulated)
         for one, scene in zip(self.simulated, scenes, strict=True):
             seen = one.block.one
-            if not isinstance(seen.table, PoseTable):
+            if not isinstance(seen.table, PlaceTable):
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, one.scene, scene) / count[seen.setup]
         return moves
 
@@ -460,5 +465,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if isinstance(block.one.table, PoseTable) else 1)
+        count = len(entries_mm) // (3 if isinstance(block.one.table, PlaceTable) else 1)
     return 1e3 * float(np.sqrt(energy / count))

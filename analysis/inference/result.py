@@ -18,7 +18,7 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, PartKind, name_of
 from rigs.schema.limits import Standing
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
@@ -464,6 +464,6 @@ def _of_place(place: Place) -> dict[str, Any]:
 
 
 def _of_setup(name: str, setup: SetUp) -> dict[str, Array]:
-    poses = name.startswith("pose")
+    poses = name.startswith(WITHOUT_GAUGES)
     fields = ("T_instrument_world", "T_tool_target") if poses else ("ball", "zeros_mm")
     return {"ball_mm" if field == "ball" else field: getattr(setup, field) for field in fields}

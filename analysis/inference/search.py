@@ -20,7 +20,7 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable, PoseTable
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def _starting_setups(
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
     setups = fit_run_setups(_first_of_each(runs))[0]
-    poses, curves = [run for run in runs if isinstance(run.one.table, PoseTable)], None
+    poses, curves = [run for run in runs if isinstance(run.one.table, PlaceTable)], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         own = {run.one.setup: setups[run.one.setup] for run in poses}
@@ -199,13 +199,14 @@ gear wheels."""
 
 def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
-    entries of the search result are whitened; the fitted joint errors are (6,) rad."""
+    entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
     rows = np.concatenate([np.full(len(block.y_mm), isinstance(block.one.table, PoseTable)) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
-    freedom = int(rows.sum()) - taken.shape[1] - 6
+    joints = range(1, linear.axes + 1)
+    freedom = int(rows.sum()) - taken.shape[1] - len(joints)
     if freedom < taken.shape[1]:  # as many terms as readings follow anything, the direction of travel too
         return ()
 
@@ -216,11 +217,11 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     kinds = [(_way, "by {:.4f} ± {:.4f}°", 1.0), (_move, "by {:.3f} ± {:.3f} % of each move", 100.0)]
     fits = []
     for off, words, unit in kinds:
-        whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in range(1, 7)], axis=1)
+        whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in joints], axis=1)
         A = free(whole)
         y = free(_with_alike(result, A, free))
         shown = (A**2).sum(axis=0) > _OWN * (whole**2).sum(axis=0)
-        ahead, sd = np.zeros(6), np.full(6, np.inf)
+        ahead, sd = np.zeros(len(joints)), np.full(len(joints), np.inf)
         inverse = np.linalg.pinv(A[np.ix_(rows, shown)])
         ahead[shown] = inverse @ y[rows]
         left = float(np.sum((y - A @ ahead)[rows] ** 2))
@@ -228,7 +229,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - left / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
     share, ahead, sd, A, words, unit = max(fits, key=lambda one: one[0])
-    early = (ahead > _SURE * sd) & np.array([_um(result, A[:, [k]] @ ahead[[k]]) > LEAST_MATERIAL_UM for k in range(6)])
+    early = (ahead > _SURE * sd) & np.array(
+        [_um(result, A[:, [k]] @ ahead[[k]]) > LEAST_MATERIAL_UM for k in range(len(joints))]
+    )
     if share < _LEAST_SHARE or not early.any():
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
@@ -245,12 +248,12 @@ def _by_angle(linear: Linearisation) -> list[Array]:
         poses: Array = np.radians(parts) * isinstance(block.one.table, PoseTable)
         return poses
 
-    return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, 7)]
+    return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
     """Return the residual (N,) plus those contributions of names and of the healthy share that have the shape of the
-    arrival errors A (N, 6), and the curves of joints."""
+    arrival errors A (N, axes), and the curves of joints."""
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)

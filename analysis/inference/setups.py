@@ -31,7 +31,7 @@ from analysis.model.predict import Model, SetUp, model_of, moved, nominal_setup
 from analysis.model.scene import Scene
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PlaceTable, PoseTable, Table, TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -40,7 +40,8 @@ from rigs.rig import Rig
 # Set-ups: their terms, how they are changed, and how they are fitted while a model is frozen.
 #
 # The terms of a set-up are numbers in mm: the ball's position and the zeros of the gauges; for poses the position of
-# the instrument, its rotation (in mm at a distance of 100 mm) and the position of its target.
+# the instrument, its rotation (in mm at a distance of 100 mm) and the position of its target; for touches the position
+# of the socket, as an instrument that is not turned, and that of the ball on the tool.
 
 _REACH_MM = 100.0
 """Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and has no effect on the
@@ -61,44 +62,47 @@ _STRAIGHT_MM = 0.2
 """Step above which the derivatives are computed again. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
 
 
-FRAME_TERMS = 6
-"""Number of the first terms of a pose set-up, those of the instrument; the others are those of the tool, which all
-placements share."""
-
 Parts = Sequence[tuple[Model, Observation]]
 
 
 def terms_of(table: Table) -> int:
     """Return the number of terms that a set-up of a table's test has."""
-    if isinstance(table, PoseTable):
-        return 9
+    if isinstance(table, PlaceTable):
+        return frame_terms(table) + 3
     return 5 if isinstance(table, CircleTable) else 4
+
+
+def frame_terms(table: PlaceTable) -> int:
+    """Return the number of the first terms of a set-up of places, those of the instrument or of the socket; the others
+    are those of the target or ball on the tool, which all placements of a test share."""
+    return 6 if isinstance(table, PoseTable) else 3
 
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
     """Return a set-up with its terms changed by (terms,) mm."""
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         target = setup.T_tool_target.copy()
-        target[:3, 3] += change[6:9]
-        instrument = moved_by(setup.T_instrument_world, change[:3], change[3:6] / _REACH_MM)
+        frame = frame_terms(table)
+        target[:3, 3] += change[frame:]
+        turn = change[3:6] / _REACH_MM if frame > 3 else np.zeros(3)
+        instrument = moved_by(setup.T_instrument_world, change[:3], turn)
         return replace(setup, T_instrument_world=instrument, T_tool_target=target)
     return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])
 
 
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
-    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses share those of the
-    tool."""
+    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses, and all
+    sockets of touches, share those of the tool."""
     columns: dict[str, list[int]] = {}
-    tool: list[int] = []
+    tools: dict[type[Table], list[int]] = {}
     count = 0
     for name, table in tables.items():
-        poses = isinstance(table, PoseTable)
-        own = list(range(count, count + (FRAME_TERMS if poses else terms_of(table))))
+        own = list(range(count, count + (frame_terms(table) if isinstance(table, PlaceTable) else terms_of(table))))
         count += len(own)
-        if poses and not tool:
-            tool = list(range(count, count + terms_of(table) - FRAME_TERMS))
-            count += len(tool)
-        columns[name] = own + tool * poses
+        if isinstance(table, PlaceTable) and type(table) not in tools:
+            tools[type(table)] = list(range(count, count + 3))
+            count += 3
+        columns[name] = own + tools.get(type(table), [])
     return columns
 
 
@@ -139,8 +143,13 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
     for model, one in parts:
         named.setdefault(one.setup, []).append((model, one))
     starting = {name: setups[name] for name in named if setups and name in setups}
-    poses = [name for name, own in named.items() if isinstance(own[0][1].table, PoseTable)]
-    starting |= _starting_pose_setups({name: named[name] for name in poses}, starting)
+    places = {
+        kind: [name for name, own in named.items() if isinstance(own[0][1].table, kind)]
+        for kind in (PoseTable, TouchTable)
+    }
+    for own_names in places.values():
+        starting |= _starting_pose_setups({name: named[name] for name in own_names}, starting)
+    poses = [name for own_names in places.values() for name in own_names]
     found: dict[str, SetUp] = {}
     for name, own in named.items():
         if name not in poses:
@@ -181,6 +190,10 @@ def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(model, one, bare) for model, one in parts])
     seen_there = np.concatenate([one.values for _, one in parts])
+    if isinstance(parts[0][1].table, TouchTable):  # a socket has a place and no turn
+        socket = np.eye(4)
+        socket[:3, 3] = (seen_there - places).mean(axis=0)
+        return replace(bare, T_instrument_world=socket)
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
 
@@ -188,7 +201,7 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return set-ups that share terms, fitted together from their starting values."""
     tables = {one.setup: one.table for _, one in parts}
     columns = columns_of(tables)
-    poses, count = isinstance(parts[0][1].table, PoseTable), 1 + max(map(max, columns.values()))
+    poses, count = isinstance(parts[0][1].table, PlaceTable), 1 + max(map(max, columns.values()))
     scenes = [moved(model, one.path) for model, one in parts]
 
     def at(change: Array) -> dict[str, SetUp]:
@@ -281,11 +294,11 @@ def split_by_frame(
 def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int], list[str]]:
     """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
     Raises FileError if there are none."""
-    tool_known = any(isinstance(one.table, PoseTable) and _spare(observations, one.setup) > 0 for one in observations)
+    tool_known = {type(one.table) for one in observations if _spare(observations, one.setup) > 0}
     reasons: dict[str, str] = {}
     for one in observations:
-        shares = tool_known and isinstance(one.table, PoseTable)
-        terms = FRAME_TERMS if shares else terms_of(one.table)
+        shares = isinstance(one.table, PlaceTable) and type(one.table) in tool_known
+        terms = terms_of(one.table) - 3 * shares
         readings = _readings(observations, one.setup)
         if readings <= terms:
             reasons[one.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
@@ -447,7 +460,7 @@ def without_a_fold(
     few poses, stay whole."""
     used, left_out = [], []
     for run in runs:
-        if not isinstance(run.one.table, PoseTable) or len(run.one.rows) < _FEWEST * GROUPS:
+        if not isinstance(run.one.table, PlaceTable) or len(run.one.rows) < _FEWEST * GROUPS:
             used.append(run)
             continue
         out = folds_of(run.one.table.q[run.one.rows], folds) == fold

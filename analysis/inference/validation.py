@@ -20,7 +20,7 @@ from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable, test_of
+from analysis.traces.tables import PlaceTable, test_of
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -104,7 +104,7 @@ def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) 
     that were measured by more than its covariance allows for. Residuals are (m, k) mm.
     """
     missed = stated = 0.0
-    kept = [run for run in runs if isinstance(run.one.table, PoseTable) and run.one.setup in stages.calibrated]
+    kept = [run for run in runs if isinstance(run.one.table, PlaceTable) and run.one.setup in stages.calibrated]
     for run, calibrated in zip(kept, with_effects(kept, stages.effects[-1]), strict=True):
         (residual,) = residuals_of(calibrated.model, [run.one], stages.calibrated)
         noise, variance = _stated_variances(run, stages.calibrated, result)
@@ -354,7 +354,7 @@ def _root(covariance: Array) -> Array:
 
 
 def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
-    return any(run.one.setup == setup and isinstance(run.one.table, PoseTable) for run in runs)
+    return any(run.one.setup == setup and isinstance(run.one.table, PlaceTable) for run in runs)
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

@@ -26,7 +26,7 @@ from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -347,7 +347,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
     if len(result.linear.y) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
         return False
-    poses_alone = all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
+    poses_alone = all(isinstance(block.one.table, PlaceTable) for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 

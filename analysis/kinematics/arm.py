@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobian of a six-axis arm, on stacks of joint angles.
+"""Forward kinematics and Jacobian of an arm, on stacks of joint angles.
 
 The arm is an immutable value; everything here is a pure function of it. Angles are radians, lengths mm,
 frames are homogeneous 4 × 4 matrices named `T_parent_child`. Modified Denavit–Hartenberg after Craig,
@@ -28,8 +28,8 @@ _BLOCK = 1500
 
 @dataclass(frozen=True)
 class Arm:
-    """Constants of an arm. a, d: (6,) mm; alpha, beta, offset: (6,) rad; coupling: (6, 6);
-    T_world_base, T_flange_tool: (4, 4); limits: (6, 2) rad; speed: (6,) rad/s."""
+    """Constants of an arm of `axes` joints. a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes);
+    T_world_base, T_flange_tool: (4, 4); limits: (axes, 2) rad; speed: (axes,) rad/s."""
 
     a: Array
     alpha: Array
@@ -42,10 +42,15 @@ class Arm:
     limits: Array
     speed: Array
 
+    @property
+    def axes(self) -> int:
+        """The number of joints."""
+        return len(self.a)
+
     @cached_property
     def links_at_zero(self) -> Array:
-        """T(i-1,i) (6, 4, 4) of each joint for theta = 0: what is the same at all angles."""
-        return np.stack([_joint_at_zero(self, axis) for axis in range(6)])
+        """T(i-1,i) (axes, 4, 4) of each joint for theta = 0: what is the same at all angles."""
+        return np.stack([_joint_at_zero(self, axis) for axis in range(self.axes)])
 
 
 def arm_of(robot: Robot) -> Arm:
@@ -96,8 +101,8 @@ def roll_pitch_yaw(T: Array) -> Array:
 
 
 def link_frames(arm: Arm, q: Array) -> Array:
-    """T_world_link of each joint's frame for joint angles q (n, 6): (n, 6, 4, 4)."""
-    T = np.empty((len(q), 6, 4, 4))
+    """T_world_link of each joint's frame for joint angles q (n, axes): (n, axes, 4, 4)."""
+    T = np.empty((len(q), arm.axes, 4, 4))
     for block in blocks(len(q)):
         for axis, columns in enumerate(link_columns(arm, q[block])):
             _set_frames(T[block, axis], columns)
@@ -105,7 +110,7 @@ def link_frames(arm: Arm, q: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array) -> Array:
-    """T_world_tool (n, 4, 4), places in mm, for joint angles q (n, 6) rad."""
+    """T_world_tool (n, 4, 4), places in mm, for joint angles q (n, axes) rad."""
     T = np.empty((len(q), 4, 4))
     for block in blocks(len(q)):
         _set_frames(T[block], tool_columns(arm, q[block]))
@@ -113,12 +118,12 @@ def forward(arm: Arm, q: Array) -> Array:
 
 
 def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool's origin (n, 6, 6).
+    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool's origin (n, 6, axes).
 
     Rows: linear velocity in mm/rad, then angular velocity, both in the world; columns: joints of the
     controller, so that couplings are in it.
     """
-    T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, 6))
+    T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, arm.axes))
     for block in blocks(len(q)):
         tool, motions = tool_and_motions(arm, q[block])
         _set_frames(T[block], tool)
@@ -127,15 +132,15 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """The columns (4, 3, n) of T_world_tool for joint angles q (n, 6) rad of one block, and by joint the motion of the
-    tool's origin, (6, 6, n): mm/rad, then angular velocity; the transpose of the Jacobian, samples last."""
+    """The columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and by joint the motion of
+    the tool's origin, (axes, 6, n): mm/rad, then angular velocity; the transpose of the Jacobian, samples last."""
     links = list(link_columns(arm, q))
-    tool = _at(links[5], arm.T_flange_tool)
-    per_theta = np.empty((6, 6, tool.shape[2]))
+    tool = _at(links[-1], arm.T_flange_tool)
+    per_theta = np.empty((arm.axes, 6, tool.shape[2]))
     for motion, link in zip(per_theta, links, strict=True):
         motion[:3] = _cross(link[2], tool[3] - link[3])
         motion[3:] = link[2]
-    return tool, (arm.coupling.T @ per_theta.reshape(6, -1)).reshape(per_theta.shape)
+    return tool, (arm.coupling.T @ per_theta.reshape(arm.axes, -1)).reshape(per_theta.shape)
 
 
 def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -150,13 +155,13 @@ def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
-    """The columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, 6) rad of one block."""
+    """The columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of one block."""
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 
 
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
-    """The columns x, y, z and origin of each joint's frame in turn, (4, 3, n), for joint angles q (n, 6) rad of one
+    """The columns x, y, z and origin of each joint's frame in turn, (4, 3, n), for joint angles q (n, axes) rad of one
     block: samples last, so that each step of the chain is one operation on long rows."""
     cosine, sine = cos_sin(arm.coupling @ q.T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))

@@ -1,7 +1,7 @@
 """Damped Newton for inverse kinematics on stacks: from starting angles to the nearest solution of each pose.
 
-Works for any six-axis arm. Rows that have converged leave the stack, so that a few hard poses do not make
-all of them pay.
+Works for any arm; where it has more than six axes, each step is the shortest of those that lead there. Rows that have
+converged leave the stack, so that a few hard poses do not make all of them pay.
 """
 
 from __future__ import annotations
@@ -63,8 +63,13 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
         if not len(active):
             break
         motions[:, 3:] *= LENGTH_MM
-        normal, pull = _damped(_normal(motions), size[active]), _applied(motions, error)
-        at = at + _limited(_solved(normal, pull[:, None])[:, 0])
+        if arm.axes > len(error):
+            across = motions.transpose(1, 0, 2)
+            step = _applied(motions, _solved(_damped(_normal(across), size[active]), error[:, None])[:, 0])
+        else:
+            normal, pull = _damped(_normal(motions), size[active]), _applied(motions, error)
+            step = _solved(normal, pull[:, None])[:, 0]
+        at = at + _limited(step)
     q[active] = at.T
     return q, size
 
@@ -128,7 +133,7 @@ def _length(vectors: Array) -> Array:
 
 def _normal(motions: Array) -> Array:
     """Normal equations (6, 6, n) of motions by joint (6, 6, n)."""
-    normal = np.empty(motions.shape)
+    normal = np.empty((len(motions), len(motions), motions.shape[2]))
     for row, motion in zip(normal, motions, strict=True):
         row[:] = _applied(motions, motion)
     return normal

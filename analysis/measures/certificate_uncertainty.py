@@ -15,7 +15,7 @@ from dataclasses import replace
 from analysis.measures.quantity import PLACE, Quantity
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 Figures = dict[str, Quantity]
 _SHORTEST_MM = 0.3
@@ -26,7 +26,7 @@ _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
 
 def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
     """Figures of a run with what its certificates leave uncertain added in quadrature."""
-    if systematic == NO_CERTIFICATE or test == "pose":
+    if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures
     of_test = _of_circle(figures, systematic, rig, test) if test in CIRCLES else _of_targets(figures, systematic)
     return {name: replace(one, u=math.hypot(one.u, of_test(name, one))) for name, one in figures.items()}

@@ -5,19 +5,21 @@ from __future__ import annotations
 from analysis.geometry.hemisphere import target_angles
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import arm_of
-from analysis.measures import pose, radial, repeatability, roll, yaw
+from analysis.measures import pose, radial, repeatability, roll, touch, yaw
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.rig_agreement import hold_targets
+from analysis.measures.touch import TouchResult
+from analysis.model.predict import model_of
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult
+Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult
 
 TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
@@ -38,6 +40,8 @@ def evaluate(
     """
     if isinstance(table, PoseTable):
         return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)
+    if isinstance(table, TouchTable):
+        return touch.evaluate(table, model_of(rig), where)
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm
     hold_targets(table, rig, where)
     match table:

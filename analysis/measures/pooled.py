@@ -19,7 +19,7 @@ from analysis.measures.quantity import PLACE, Quantity, half_turns, is_around_ci
 from analysis.measures.radial import RadialResult
 from analysis.measures.results import Result
 from analysis.noise.cell import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG, least_known
-from analysis.traces.tables import PoseTable
+from analysis.traces.tables import PlaceTable
 from rigs.errors import FileError
 
 ONE_RUN = (
@@ -147,7 +147,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
 def _are_same_poses(first: Result, run: Result) -> bool:
     """Whether a pose run has the poses of another; of other tests the set-up decides."""
     one, other = first.measured.table, run.measured.table
-    if not (isinstance(one, PoseTable) and isinstance(other, PoseTable)):
+    if not (isinstance(one, PlaceTable) and isinstance(other, PlaceTable)):
         return True
     return one.q.shape == other.q.shape and float(np.abs(one.q - other.q).max()) < _SAME_POSE_RAD
 

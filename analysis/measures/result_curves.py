@@ -18,6 +18,7 @@ from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import SIDES, RepeatabilityResult
+from analysis.measures.touch import TouchResult
 from rigs.rig import Rig
 
 
@@ -83,7 +84,7 @@ class RepeatabilityCurve(Tabular):
 
 @dataclass(frozen=True)
 class PoseCurve(Tabular):
-    """The poses of a tracker in the order of their table, measured less fitted, in the frame of the robot's base.
+    """The poses of a tracker, or touches, in the order of their table, measured less fitted, in the robot's base.
 
     error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None where
     only positions were measured.
@@ -126,6 +127,8 @@ def curve_of_result(found: Evaluated) -> ResultCurve:
         case PoseResult():
             rotation_deg = None if found.rotation is None else np.degrees(found.rotation)
             return PoseCurve(found.position_mm, rotation_deg)
+        case TouchResult():
+            return PoseCurve(found.position_mm, None)
 
 
 def _of_circle(found: CircleResult) -> CircleCurve:

@@ -34,7 +34,7 @@ def geometric_arm(model: Model) -> Arm:
 
     Reported angles give the same poses with it as with the geometric part of the model.
     """
-    at_zero = Path(Motion(np.zeros(1), np.zeros((1, 6))), np.zeros(1, dtype=np.int64), stands=True)
+    at_zero = Path(Motion(np.zeros(1), np.zeros((1, model.arm.axes))), np.zeros(1, dtype=np.int64), stands=True)
     scene = driven(geometric_part(model), at_zero)
     turned = scene.arm.coupling @ scene.link_q[0]
     return replace(scene.arm, offset=scene.arm.offset + turned)

@@ -16,7 +16,7 @@ _G = 9.80665
 
 @dataclass(frozen=True)
 class Load:
-    """mass (6,) kg of each link, centre (6, 3) mm in its frame, payload_kg at the flange."""
+    """mass (axes,) kg of each link, centre (axes, 3) mm in its frame, payload_kg at the flange."""
 
     mass: Array
     centre: Array
@@ -36,7 +36,7 @@ _KEPT_ROWS = 50_000
 
 
 def torques(arm: Arm, load: Load, q: Array) -> Array:
-    """Torque of gravity on each joint of the controller, (n, 6) Nm, for angles q (n, 6) rad."""
+    """Torque of gravity on each joint of the controller, (n, axes) Nm, for angles q (n, axes) rad."""
     for known_arm, known_load, known_q, torque in _recent:
         if known_q is q and known_arm is arm and _same(known_load, load):
             return torque
@@ -53,11 +53,11 @@ def _same(one: Load, other: Load) -> bool:
 def _torques(arm: Arm, load: Load, q: Array) -> Array:
     """From the last link back: what lies beyond a joint weighs on it by the horizontal part of its first moment."""
     mass, centre = _with_payload(load)
-    per_theta = np.empty((6, len(q)))
+    per_theta = np.empty((arm.axes, len(q)))
     for block in blocks(len(q)):
         links = list(link_columns(arm, q[block]))
         beyond_kg, beyond_kg_mm = 0.0, np.zeros((2, links[0].shape[2]))
-        for axis in reversed(range(6)):
+        for axis in reversed(range(arm.axes)):
             x, y, z, origin = links[axis][:, :2]
             beyond_kg += mass[axis]
             beyond_kg_mm += mass[axis] * (origin + centre[axis, 0] * x + centre[axis, 1] * y + centre[axis, 2] * z)
@@ -68,9 +68,9 @@ def _torques(arm: Arm, load: Load, q: Array) -> Array:
 
 
 def _with_payload(load: Load) -> tuple[Array, Array]:
-    """Masses (6,) kg and their centres (6, 3) mm with the payload, which hangs at the flange: the place of frame 6."""
+    """Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame."""
     mass, centre = load.mass.copy(), load.centre.copy()
-    mass[5] += load.payload_kg
-    if mass[5] > 0:
-        centre[5] *= load.mass[5] / mass[5]
+    mass[-1] += load.payload_kg
+    if mass[-1] > 0:
+        centre[-1] *= load.mass[-1] / mass[-1]
     return mass, centre

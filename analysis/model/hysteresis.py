@@ -22,14 +22,14 @@ _NONE: Integers = np.empty(0, dtype=np.intp)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Reported angles q (n, 6) rad at t_s (n,). Where its joints turn back is computed once and shared."""
+    """Reported angles q (n, axes) rad at t_s (n,). Where its joints turn back is computed once and shared."""
 
     t_s: Array
     q: Array
     _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
         if axis not in self._reversals:
             self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._stand_ends)
         return self._reversals[axis]

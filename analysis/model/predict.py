@@ -21,7 +21,7 @@ from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.model.gravity import Load, load_of
 from analysis.model.hysteresis import Motion
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import CircleTable, PoseTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PlaceTable, RepeatabilityTable, Table, TouchTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES
@@ -52,7 +52,7 @@ class Path:
 
     @property
     def q(self) -> Array:
-        """Reported angles (n, 6) rad."""
+        """Reported angles (n, axes) rad."""
         return self.motion.q
 
 
@@ -91,25 +91,28 @@ def nominal_setup(rig: Rig, table: Table) -> SetUp:
     """Ball in the nominal centre, gauges at zero, instrument in the world's frame."""
     if isinstance(table, CircleTable):
         ball = np.array(circle_of(rig).centre_mm)
-    elif isinstance(table, PoseTable):
+    elif isinstance(table, PlaceTable):
         ball = np.zeros(3)
     else:
         ball = np.array(hemisphere_of(rig).centre_mm)
     gauges = 2 if isinstance(table, CircleTable) else 1
-    return SetUp(ball, np.zeros(gauges), np.eye(4), np.eye(4))
+    target = np.eye(4)
+    if isinstance(table, TouchTable) and rig.tests.touch:
+        target[:3, 3] = rig.tests.touch.ball_mm
+    return SetUp(ball, np.zeros(gauges), np.eye(4), target)
 
 
 def path_of(model: Model, table: Table) -> Path:
     """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
     if isinstance(table, CircleTable):
         return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
-    t_s = np.zeros(len(table.q)) if isinstance(table, PoseTable) else table.t_s
-    came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable) else None
+    t_s = np.zeros(len(table.q)) if isinstance(table, PlaceTable) else table.t_s
+    came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable | TouchTable) else None
     return _standing(t_s, table.q, came_from)
 
 
 def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
-    """The robot stands before, at and after each reading; came_from (m, 6): where it was just before, where known.
+    """The robot stands before, at and after each reading; came_from (m, axes): where it was just before, where known.
 
     A table without time is taken as visited steadily.
     """
@@ -120,12 +123,15 @@ def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
     times = np.array([-0.3, 0.0, 0.3] if came_from is None else [-0.5, -0.3, 0.0, 0.3]) * beat
     count = len(places)
     path_t = (t[:, None] + times).ravel()
-    path_q = np.stack(places, axis=1).reshape(-1, 6)
+    path_q = np.stack(places, axis=1).reshape(-1, q.shape[1])
     return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
 
 
-def _came_from(model: Model, table: RepeatabilityTable) -> Array:
-    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where this is unknown."""
+def _came_from(model: Model, table: RepeatabilityTable | TouchTable) -> Array | None:
+    """Where the joints were (m, axes) before each reading; of targets outside, inside, or at the target where this is
+    unknown."""
+    if isinstance(table, TouchTable):
+        return table.came_from
     frame = hemisphere_frame(hemisphere_of(model.rig))
     polar, azimuth = target_angles(hemisphere_of(model.rig))
     radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])
@@ -141,7 +147,7 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
     """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
     changes moves the tool."""
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)
     to_tool = scene.T[:, :3, 3] - setup.ball

@@ -19,7 +19,7 @@ from rigs.schema.scene import Stage
 class Scene:
     """n samples in order of time.
 
-    motion: as reported; link_q (n, 6) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
+    motion: as reported; link_q (n, axes) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
     ball at which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places
     of the gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
     """
@@ -41,7 +41,7 @@ class Scene:
 
     @property
     def q(self) -> Array:
-        """Reported angles (n, 6) rad."""
+        """Reported angles (n, axes) rad."""
         return self.motion.q
 
     @property
@@ -50,7 +50,7 @@ class Scene:
         return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
-        """Reported angles (n, 6) rad at instants t_s (n,), the ends held.
+        """Reported angles (n, axes) rad at instants t_s (n,), the ends held.
 
         By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
         A joint that stands beside a sample has no slope there.
@@ -60,7 +60,7 @@ class Scene:
         width = t[k + 1] - t[k]
         x = np.clip((t_s - t[k]) / width, 0.0, 1.0)
         rise, begin, end = x * x * (3 - 2 * x), width * x * (1 - x) ** 2, width * x * x * (1 - x)
-        angles = np.empty((len(t_s), 6))
+        angles = np.empty((len(t_s), self.q.shape[1]))
         for axis, q in enumerate(self.q.T):  # one after the other: a long trace has few temporaries
             slopes = np.gradient(q, t)
             stands = np.diff(q) == 0
@@ -69,21 +69,21 @@ class Scene:
         return angles
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
+        """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange."""
         return torques(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q)
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
+        """Place (n, 3) mm of a joint (from 1), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
         which is that of the joint where the link has no length."""
         place, direction, end = np.empty((3, len(self.link_q), 3))
         for block in blocks(len(self.link_q)):
             links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))
             _, _, direction[block].T[:], place[block].T[:] = links[axis - 1]
-            end[block] = links[axis][3].T if axis < 6 else self.T[block, :3, 3]
+            end[block] = links[axis][3].T if axis < self.arm.axes else self.T[block, :3, 3]
         return place, direction, end
 
     def taken_at(self, t_s: Array) -> Scene:
@@ -92,13 +92,13 @@ class Scene:
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
     def with_constant(self, field: str, axis: int, delta: float) -> Scene:
-        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""
+        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by delta."""
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
 
     def turned(self, axis: int, deviation: Array | float) -> Scene:
-        """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""
+        """The link side of a joint (from 1) turned by a deviation (n,) rad."""
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)

@@ -56,6 +56,8 @@ _LABELS = {
     "max_mm": "  largest",
     "rms_deg": "orientation error, rms",
     "max_deg": "  largest",
+    "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
+    "socket_distance_mm": "distance of the sockets, by the arm",
     "repeat_mm": "scatter of one coordinate",
     "ap_a_deg": "accuracy AP a, about x",
     "ap_b_deg": "accuracy AP b, about y",

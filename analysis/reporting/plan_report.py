@@ -71,11 +71,14 @@ def _axes(plan: Plan) -> Table:
     )
     table.add_column("effect")
     table.add_column("healthy", justify="right")
-    for axis in range(1, 7):
+    kinds = _by_seat(plan, joints=True)
+    most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
+    axes = range(1, most + 1)
+    for axis in axes:
         table.add_column(f"axis {axis}", justify="right")
-    for kind, by_axis in _by_seat(plan, joints=True).items():
+    for kind, by_axis in kinds.items():
         first = next(iter(by_axis.values()))[0]
-        cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in range(1, 7)]
+        cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
         below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
         table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
     return whole(table)

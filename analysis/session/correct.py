@@ -103,7 +103,7 @@ def corrected(
     way = wanted or way_of(left, entries)
     if way == "none":
         sentence = (
-            f"No numbers take away much of the error of {left.now_um:.0f} µm rms: what causes it is mended at the arm."
+            f"No numbers take away much of the error of {left.now_um:.0f} µm rms: its cause is repaired at the arm."
         )
         return Corrected(_correction(way, sentence, left, left.now_um), {})
     if way == "entries":

@@ -29,7 +29,7 @@ _ENDS_S = 15.0
 
 
 class Talking(Protocol):
-    """A program that is told lines, and whose lines are heard."""
+    """A program to which lines are written, and whose lines are read."""
 
     name: str
     log: Path

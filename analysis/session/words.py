@@ -19,7 +19,7 @@ _PURPOSES = {
 _BAR = 10
 _WIDTH = 34
 _LONGEST = 46
-"""Of the name and size of a part: with its figures and its bar it has room on a terminal of 80."""
+"""Letters of a part's name and size: with its figures and its bar it has room on a terminal of 80."""
 
 
 class Words:

@@ -12,7 +12,7 @@ from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
-from rigs.schema.robot import Robot
+from rigs.schema.robot import FEWEST_AXES, Robot
 from rigs.yaml_text import read_yaml
 
 _MAX_BYTES = 1_000_000
@@ -48,11 +48,21 @@ def chosen_arm(name: str) -> ChosenArm:
         raise FileError(name, "lacks the section robot", "see rig arms for one, or choose an arm by its name")
     section = {"robot": data["robot"]}
     try:
-        return ChosenArm(_ArmFile.model_validate(section).robot, None, f"the file {Path(name).name}")
+        robot = _ArmFile.model_validate(section).robot
     except ValidationError as error:
         raise RigFileError(name, problems_of(error, section, root, _ArmFile)) from None
+    _hold_six(robot, name)
+    return ChosenArm(robot, None, f"the file {Path(name).name}")
+
+
+def _hold_six(robot: Robot, where: str) -> None:
+    """Raises FileError for an arm that cannot drive the circles of a ball link."""
+    if (axes := len(robot.axes)) > FEWEST_AXES:
+        what = f"has {axes} axes, and the ball link's programs are of six"
+        raise FileError(where, what, "write a rig file of its robot section and tests.touch alone (docs/any-arm.md)")
 
 
 def _of_library(name: str) -> ChosenArm:
     arm = load_arm(name)
+    _hold_six(arm.robot, name)
     return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}")

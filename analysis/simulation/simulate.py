@@ -21,6 +21,7 @@ from analysis.geometry.programs import (
 )
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
+from analysis.simulation.touches import simulated_touches
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable, Table
 from rigs.effects import Effect, turned
 from rigs.errors import FileError
@@ -56,6 +57,8 @@ def simulate(
     effects: instead of those of the rig file. Raises FileError where the robot cannot do the test, or for a pose
     test, which has no program.
     """
+    if test == "touch":
+        return simulated_touches(rig, seed, effects)
     if not rig.gauges.recorded:
         what = f"has no gauges, and a {test} test is measured with them"
         raise FileError(f"rig {rig.name}", what, "add gauges and feedback to the rig file")

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.kinematics.arm import Array
-from analysis.traces.table_layout import JOINTS, LAYOUTS, PLACE, TURN
+from analysis.traces.table_layout import PLACE, SOCKET, TURN, came_from_columns, joint_columns, layout_of
 from analysis.traces.table_rules import hold_table
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from daq.store.arrays import array_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -27,11 +27,12 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    missing = [name for name in LAYOUTS[test].required if name not in columns.column_names]
+    axes = _axes_in(columns)
+    missing = [name for name in layout_of(test, axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
         what = f"its table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, what, "import the table again")
-    q = np.radians(_stack(columns, JOINTS))
+    q = np.radians(_stack(columns, joint_columns(axes)))
     if test in ("yaw", "roll"):
         if direction is None:
             raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
@@ -41,6 +42,10 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
     if test == "pose":
         turned = set(TURN) <= set(columns.column_names)
         return PoseTable(q, _stack(columns, PLACE), np.radians(_stack(columns, TURN)) if turned else None)
+    if test == "touch":
+        names = came_from_columns(axes)
+        came_from = np.radians(_stack(columns, names)) if set(names) <= set(columns.column_names) else None
+        return TouchTable(np.array(columns[SOCKET].to_pylist(), dtype=np.str_), q, came_from)
     t_s = _floats(columns, "t_s") if "t_s" in columns.column_names else np.zeros(len(q))
     if test == "radial":
         polar, azimuth = (np.radians(_floats(columns, name)) for name in ("polar_deg", "azimuth_deg"))
@@ -49,6 +54,12 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
     approach = np.array(columns["approach"].to_pylist(), dtype=np.str_)
     target, rounds = array_of(columns["target"]), array_of(columns["round"])
     return RepeatabilityTable(target, approach, rounds, t_s, q, _floats(columns, "g1_mm"))
+
+
+def _axes_in(columns: pa.Table) -> int:
+    """How many joints a table has: a seventh column that is none of the arm's is kept as text."""
+    seventh = joint_columns(7)[-1]
+    return 7 if seventh in columns.column_names and pa.types.is_floating(columns.schema.field(seventh).type) else 6
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
@@ -60,7 +71,7 @@ def u_lag_s_of(columns: pa.Table) -> float:
 
 def columns_of(table: Table) -> pa.Table:
     """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
-    joints = dict(zip(JOINTS, np.degrees(table.q).T, strict=True))
+    joints = dict(zip(joint_columns(table.q.shape[1]), np.degrees(table.q).T, strict=True))
     match table:
         case CircleTable():
             gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
@@ -68,6 +79,10 @@ def columns_of(table: Table) -> pa.Table:
         case PoseTable():
             turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
             return _table({**joints, **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns})
+        case TouchTable():
+            names = came_from_columns(table.q.shape[1])
+            came = {} if table.came_from is None else dict(zip(names, np.degrees(table.came_from).T, strict=True))
+            return _table({SOCKET: table.socket.tolist(), **joints, **came})
         case RadialTable():
             place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
             first = {"target": table.target, **place, "orientation": table.orientation}

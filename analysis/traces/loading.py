@@ -19,12 +19,12 @@ from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.dwells import radial_table, repeatability_table
 from analysis.traces.single_stands import one_row_a_stand
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PlaceTable, Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""
@@ -93,7 +93,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     path = run.path
     _is_in_step(run)
     rig = rig or rig_of(run)
-    if run.manifest.test != "pose" and not rig.gauges.recorded:
+    if run.manifest.test not in WITHOUT_GAUGES and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
         raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
     doubts = [*_doubts(run), *_certificates(run, rig)]
@@ -152,7 +152,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
     Simulated readings are what they mean, and need no correction.
     """
     test, table = run.manifest.test, run.manifest.table
-    if test == "pose" or table is None or table.file.startswith(SIMULATED):
+    if test in WITHOUT_GAUGES or table is None or table.file.startswith(SIMULATED):
         return []
     names = ("g1", "g2") if test in CIRCLES else ("g1",)
     known = [
@@ -172,7 +172,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
-    if isinstance(table, PoseTable):
+    if isinstance(table, PlaceTable):
         return NO_CERTIFICATE
     return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
 
@@ -180,7 +180,7 @@ def _systematic(rig: Rig, table: Table) -> Systematic:
 def _certificates(run: Run, rig: Rig) -> list[str]:
     """Doubts about the certificates of what the test measures with."""
     test = run.manifest.test
-    if test == "pose":
+    if test in WITHOUT_GAUGES:
         return []
     parts = ["g1", "g2", "ball"] if test in CIRCLES else ["g1", "ball", *["link"] * (test == "radial")]
     try:

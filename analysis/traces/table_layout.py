@@ -7,12 +7,21 @@ from typing import Literal
 
 from rigs.schema.vocabulary import TestName
 
-JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
+
+def joint_columns(axes: int) -> tuple[str, ...]:
+    """Return the names of the columns of so many joints."""
+    return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
+
+
+JOINTS = joint_columns(6)
+"""The joints of the tests with a ball link."""
 COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
 """Joints as they were commanded, beside those of JOINTS."""
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
+SOCKET = "socket"
+"""The column of a touch with the name of the socket; any words."""
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
 """Columns of words, and the words they know."""
 TIME_U = ("u_t_s", "u_lag_s")
@@ -34,6 +43,11 @@ class Layout:
         return (*self.required, *self.optional)
 
 
+def came_from_columns(axes: int) -> tuple[str, ...]:
+    """Return the names of the columns that say from which angle each joint came to a touch, in its last move."""
+    return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))
+
+
 _CIRCLE = Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
 LAYOUTS: dict[TestName, Layout] = {
     "yaw": _CIRCLE,
@@ -41,4 +55,13 @@ LAYOUTS: dict[TestName, Layout] = {
     "radial": Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",)),
     "repeatability": Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",)),
     "pose": Layout((*JOINTS, *PLACE), TURN),
+    "touch": Layout((SOCKET, *JOINTS), came_from_columns(6)),
 }
+"""Tables of an arm of six axes."""
+
+
+def layout_of(test: TestName, axes: int) -> Layout:
+    """Return the layout of a test's table for an arm of so many axes, which poses and touches can have."""
+    if test == "pose":
+        return Layout((*joint_columns(axes), *PLACE), TURN)
+    return Layout((SOCKET, *joint_columns(axes)), came_from_columns(axes)) if test == "touch" else LAYOUTS[test]

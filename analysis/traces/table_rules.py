@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 
 LARGEST = 1e12
@@ -55,6 +55,9 @@ def _numbers(table: Table) -> dict[str, Array]:
         case PoseTable():
             turns = {} if table.rpy is None else {"rpy": table.rpy}
             return {"q": table.q, "xyz_mm": table.xyz_mm, **turns}
+        case TouchTable():
+            came = {} if table.came_from is None else {"came_from": table.came_from}
+            return {"q": table.q, **came}
         case RadialTable():
             angles = {"polar": table.polar, "azimuth": table.azimuth}
             return {**angles, "t_s": table.t_s, "q": table.q, "g1_mm": table.g_mm}

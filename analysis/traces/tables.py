@@ -68,7 +68,7 @@ class RepeatabilityTable:
 class PoseTable:
     """Poses of the tool as a tracker saw them, in the tracker's frame.
 
-    q (n, 6) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
+    q (n, axes) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
     row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n.
     """
 
@@ -83,7 +83,33 @@ class PoseTable:
         return np.arange(1, len(self.q) + 1) if self.row is None else self.row
 
 
-Table = CircleTable | RadialTable | RepeatabilityTable | PoseTable
+@dataclass(frozen=True)
+class TouchTable:
+    """Touches: the tool's ball seated in sockets that are fixed in the world, in one posture after the other.
+
+    socket (n,) of str; q (n, axes) rad; came_from (n, axes) rad: where each joint was before its last move, which says
+    on which side of its play it stands, or None where it came from the touch before; row (n,) as of poses.
+    """
+
+    socket: NDArray[np.str_]
+    q: Array
+    came_from: Array | None = None
+    row: Integers | None = None
+
+    @property
+    def rows(self) -> Integers:
+        """The row of the file (n,) that each touch is."""
+        return np.arange(1, len(self.q) + 1) if self.row is None else self.row
+
+    @property
+    def xyz_mm(self) -> Array:
+        """Where the ball is in its socket (n, 3) mm: in its middle."""
+        return np.zeros((len(self.q), 3))
+
+
+PlaceTable = PoseTable | TouchTable
+"""Tables whose readings are places, three coordinates a row."""
+Table = CircleTable | RadialTable | RepeatabilityTable | PlaceTable
 
 
 def test_of(table: Table) -> TestName:
@@ -97,3 +123,5 @@ def test_of(table: Table) -> TestName:
             return "repeatability"
         case PoseTable():
             return "pose"
+        case TouchTable():
+            return "touch"

@@ -71,7 +71,7 @@ class Backlash(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Backlash]]:
         """One at each joint."""
-        return at_each_axis(cls)
+        return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
         return f"play of {joint}"

@@ -36,7 +36,7 @@ class Compliance(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
         """One at each joint."""
-        return at_each_axis(cls, payload_kg=_HANGS_KG)
+        return at_each_axis(cls, scope, payload_kg=_HANGS_KG)
 
     def plain(self, joint: str) -> str:
         return f"twist of {joint} under gravity"

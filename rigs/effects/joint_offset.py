@@ -29,7 +29,7 @@ class JointOffset(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointOffset]]:
         """One at each joint."""
-        return at_each_axis(cls)
+        return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
         return f"zero of {joint}"

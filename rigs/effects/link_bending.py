@@ -37,7 +37,7 @@ class LinkBending(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkBending]]:
         """One after each joint."""
-        return at_each_axis(cls)
+        return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
         return f"bending of the link after {joint}"

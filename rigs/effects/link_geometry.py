@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AXES, Compensation, Effect, Place, Scope, size
+from rigs.schema.effect import EVERY_AXIS, Compensation, Effect, Place, Scope, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
@@ -31,9 +31,9 @@ class LinkGeometry(Effect):
     STRAIGHT = 0.02  # at all of a healthy size what is not straight would already show
     # Hayati's beta is one more than four parameters a joint need.
     PLACE = Place(
-        r"(?:(?P<axis>[1-6])(?:\.(?P<field>a|alpha|d|beta))?)?",
+        r"(?:(?P<axis>[1-7])(?:\.(?P<field>a|alpha|d|beta))?)?",
         "3.a",
-        {"axis": "123456", "field": ("a", "alpha", "d")},
+        {"axis": EVERY_AXIS, "field": ("a", "alpha", "d")},
     )
 
     def apply(self, scene: S) -> S:
@@ -45,7 +45,7 @@ class LinkGeometry(Effect):
         """Each constant of each axis."""
         return [
             [cls(axis=axis, field=field)]
-            for axis in AXES
+            for axis in scope.axes
             for field in _CONSTANTS
             # Hayati's angle is for a joint parallel to the one before; elsewhere it only repeats the others.
             if field != "beta" or (axis > 1 and abs(np.sin(np.radians(scope.twist_deg[axis - 1]))) < _PARALLEL)

@@ -8,7 +8,6 @@ import numpy as np
 
 from rigs.schema.effect import (
     AT_AXIS,
-    AXES,
     Compensation,
     Departures,
     Effect,
@@ -59,7 +58,7 @@ class ReversalSpike(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
         """At each joint that turns back while it is read, quick and slow ones."""
-        return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in AXES if scope.timed]
+        return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
 
     def plain(self, joint: str) -> str:
         return f"wind-up of {joint} after reversals"

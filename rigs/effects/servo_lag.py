@@ -28,7 +28,7 @@ class ServoLag(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
         """One at each joint that turns while it is read."""
-        return at_each_axis(cls) if scope.timed else []
+        return at_each_axis(cls, scope) if scope.timed else []
 
     def plain(self, joint: str) -> str:
         return f"lag of {joint} behind its feedback"

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from rigs.schema.effect import (
-    AXES,
     BY_TARGETS,
+    EVERY_AXIS,
     NUMBER,
     Compensation,
     Departures,
@@ -48,7 +48,7 @@ class TransmissionError(Effect):
     PART = "curve"
     # A gear left open begins with an eccentric wheel and twice that.
     PLACE = Place(
-        rf"(?:(?P<axis>[1-6])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": "123456", "order": "12"}
+        rf"(?:(?P<axis>[1-7])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": EVERY_AXIS, "order": "12"}
     )
     FREE = (FreeShape("third", 0.0, 0.3),)
     # What goes less often than once a turn does not come back with the joint: no gear makes it.
@@ -64,7 +64,9 @@ class TransmissionError(Effect):
     def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
         """Waves of each joint, by order: as dense as the readings part them."""
         most = _MOST_ORDER if scope.timed else _MOST_OF_STANDS
-        return [[cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in AXES]
+        return [
+            [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes
+        ]
 
     def plain(self, joint: str) -> str:
         return f"gear error of {joint}, {self.order:.4g} a turn"

@@ -8,7 +8,8 @@ from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, s
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
-_WRIST = ((4, 5), (4, 6), (5, 6))
+_WRIST = ((-3, -2), (-3, -1), (-2, -1))
+"""Pairs of the last three axes, counted from the last."""
 
 
 class WristCoupling(Effect):
@@ -21,7 +22,7 @@ class WristCoupling(Effect):
 
     STAGE = "joint"
     PART = "constants"
-    PLACE = Place(r"(?P<from_axis>[1-6])\.(?P<to_axis>[1-6])", "4.5 (from.to)")
+    PLACE = Place(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
 
     def apply(self, scene: S) -> S:
         """The driven axis gains a share of the driving one's angle."""
@@ -30,7 +31,7 @@ class WristCoupling(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
         """From each axis of the wrist to those that its gears run past."""
-        return [[cls(from_axis=start, to_axis=end)] for start, end in _WRIST]
+        return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:
         return f"axis {self.from_axis} leaking into axis {self.to_axis}"

@@ -91,9 +91,50 @@ class Repeatability(Part):
     """Numbers of hemisphere targets, counted from 1."""
 
 
+SocketName = Annotated[str, Field(min_length=1, max_length=40)]
+
+
+class SocketDistance(Part):
+    """A distance between two sockets that is known: of one part, measured or as it was made."""
+
+    between: tuple[SocketName, SocketName]
+    distance_mm: float = Field(gt=0, le=10_000)
+    u_mm: float = Field(default=0.05, gt=0, le=100)
+    """Its standard uncertainty."""
+
+    @model_validator(mode="after")
+    def _of_two(self) -> SocketDistance:
+        if self.between[0] == self.between[1]:
+            raise ValueError(f"{self.between[0]!r} is no distance from itself; name two sockets")
+        return self
+
+
+class Touch(Part):
+    """The ball on the tool seated in sockets that are fixed in the world, by hand or by a program, in many postures.
+
+    No gauge reads it: that a ball which is seated again is at the same place is all that is measured.
+    """
+
+    sockets: Annotated[tuple[SocketName, ...], Field(min_length=1, max_length=50)]
+    ball_mm: Vector = (0.0, 0.0, 100.0)
+    """Where about the ball's centre is from the tool frame; where it is exactly is found."""
+    touches: int = Field(default=40, ge=1, le=2000)
+    """Touches that a recording asks for, over all sockets."""
+    distances: tuple[SocketDistance, ...] = ()
+
+    @model_validator(mode="after")
+    def _of_these_sockets(self) -> Touch:
+        if len(set(self.sockets)) < len(self.sockets):
+            raise ValueError("a socket is named twice; give each a name of its own")
+        if unknown := [name for one in self.distances for name in one.between if name not in self.sockets]:
+            raise ValueError(f"distances name {unknown[0]!r}, which is none of the sockets; add it or correct the name")
+        return self
+
+
 class Tests(Part):
     """The tests of a rig; leave out what it is not set up for."""
 
     circle: Circle | None = None
     hemisphere: Hemisphere | None = None
     repeatability: Repeatability | None = None
+    touch: Touch | None = None

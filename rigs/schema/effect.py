@@ -21,7 +21,6 @@ from pydantic import Field
 from rigs.schema.part import Part
 from rigs.schema.scene import S, Stage
 
-AXES = range(1, 7)
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
 """Which part of an arm's error an effect belongs to, as a person thinks of it: link constants and zeros, what yields
@@ -67,19 +66,24 @@ class Found(Part):
     """Effects of the same fit that look like this one: only what they make up together is known."""
     rivals: tuple[str, ...] = ()
     """Effects that the same runs may show instead of this one: measure what separates them before it is corrected."""
-    joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)
+    joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=7)
     """The lowest and the highest angle of each joint in those runs."""
 
 
 @dataclass(frozen=True)
 class Scope:
     """What runs can show of effects. timed: joints turn while they are read (circles); gauges that are read;
-    twist_deg (6): the arm's alpha; turned (6): by how much of a turn each joint turns while it is read."""
+    twist_deg (axes): the arm's alpha; turned (axes): by how much of a turn each joint turns while it is read."""
 
     timed: bool
     gauges: tuple[Gauge, ...]
     twist_deg: tuple[float, ...]
     turned: tuple[float, ...]
+
+    @property
+    def axes(self) -> range:
+        """The axes of the arm, from 1."""
+        return range(1, len(self.twist_deg) + 1)
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ class Departures:
 
 @dataclass(frozen=True)
 class Compensation:
-    """How a controller can make up for an effect. why_not: where it cannot; constant: the axis (1 … 6) and the key of
+    """How a controller can make up for an effect. why_not: where it cannot; constant: the axis (from 1) and the key of
     the number in its rig file, mm or degrees, where it is one; `q_deg` is the joint's angle itself."""
 
     use: Use
@@ -151,7 +155,9 @@ class Place:
 
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = Place("", "")
-AT_AXIS = Place("(?P<axis>[1-6])?", "1", {"axis": "123456"})
+EVERY_AXIS = "1234567"
+"""What an axis left out stands for, as far as the arm has these."""
+AT_AXIS = Place("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
 
@@ -248,9 +254,9 @@ class Effect(Part, ABC):
 _E = TypeVar("_E", bound=Effect)
 
 
-def at_each_axis(cls: type[_E], **values: float) -> list[list[_E]]:
+def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
     """One form at each joint."""
-    return [[cls.model_validate({"axis": axis, **values})] for axis in AXES]
+    return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:

@@ -123,6 +123,14 @@ class PoseLimits(Part):
     rp_mean_mm: Bound = None
 
 
+class TouchLimits(Part):
+    """Limits of a ball that is seated in sockets."""
+
+    rms_mm: Bound = None
+    max_mm: Bound = None
+    spat_mm: Bound = None
+
+
 class Limits(Part):
     """Limits by test and figure (docs/figures.md)."""
 
@@ -131,6 +139,7 @@ class Limits(Part):
     radial: RadialLimits = RadialLimits()
     repeatability: RepeatabilityLimits = RepeatabilityLimits()
     pose: PoseLimits = PoseLimits()
+    touch: TouchLimits = TouchLimits()
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
     """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
 

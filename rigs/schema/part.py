@@ -13,7 +13,7 @@ Length = Annotated[float, Field(ge=-LONGEST_MM, le=LONGEST_MM)]
 Angle = Annotated[float, Field(ge=-1440, le=1440)]
 """Degrees; four turns are more than a wrist makes."""
 Vector = tuple[Length, Length, Length]
-Axis = Annotated[int, Field(ge=1, le=6)]
+Axis = Annotated[int, Field(ge=1, le=7)]
 
 
 class Part(BaseModel):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigs.schema.part import Angle, Length, Part, Vector
 
@@ -43,33 +44,48 @@ class JointAxis(Part):
         return self
 
 
+FEWEST_AXES, MOST_AXES = 6, 7
 Share = Annotated[float, Field(ge=-1e3, le=1e3)]
-Row = tuple[Share, Share, Share, Share, Share, Share]
+Row = tuple[Share, ...]
 Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
-IDENTITY: tuple[Row, ...] = tuple(
-    tuple(float(row == column) for column in range(6))  # type: ignore[misc]
-    for row in range(6)
-)
+
+
+def identity(count: int) -> tuple[Row, ...]:
+    """Return the coupling of so many axes of which each turns with its own joint."""
+    return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 
 class Robot(Part):
-    """Six revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
+    """Six or seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
 
     name: str
     serial: Annotated[str, Field(max_length=200)] = ""
     """The serial number on the arm's name plate, which stands at the head of a report."""
-    axes: Annotated[tuple[JointAxis, ...], Field(min_length=6, max_length=6)]
-    coupling: Annotated[tuple[Row, ...], Field(min_length=6, max_length=6)] = IDENTITY
+    axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
+    coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(FEWEST_AXES)
     base: Pose = Pose()
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _coupled(cls, written: Any) -> Any:
+        """Without a coupling each axis turns with its own joint, however many there are."""
+        if isinstance(written, Mapping) and "coupling" not in written:
+            axes = written.get("axes")
+            if isinstance(axes, list | tuple) and FEWEST_AXES < len(axes) <= MOST_AXES:
+                return {**written, "coupling": identity(len(axes))}
+        return written
+
     @field_validator("coupling")
     @classmethod
-    def _solvable(cls, rows: tuple[Row, ...]) -> tuple[Row, ...]:
+    def _solvable(cls, rows: tuple[Row, ...], info: ValidationInfo) -> tuple[Row, ...]:
+        count = len(info.data.get("axes", rows))
+        if {len(rows), *map(len, rows)} != {count}:
+            raise ValueError(f"coupling is not {count} rows of {count} numbers, one for each axis; correct its rows")
         left = [list(row) for row in rows]
-        for column in range(6):  # elimination, largest pivot first
+        for column in range(count):  # elimination, largest pivot first
             left[column:] = sorted(left[column:], key=lambda row: -abs(row[column]))
             pivot, *below = left[column:]
             if abs(pivot[column]) < 1e-6:

@@ -2,11 +2,13 @@
 
 from typing import Literal, get_args
 
-TestName = Literal["yaw", "roll", "radial", "repeatability", "pose"]
+TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch"]
 Direction = Literal["cw", "acw"]
 
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
+WITHOUT_GAUGES: tuple[Literal["pose", "touch"], ...] = ("pose", "touch")
+"""The tests that no gauge reads."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
@@ -20,6 +22,8 @@ def direction_of(word: str) -> Direction | None:
 
 DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
 """The tests that a program of the robot drives, with the ball link."""
+SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch"]
+"""The tests that are simulated: those of the ball link, and touches, which a person guides."""
 Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 """Makers of controllers for which programs and corrections are written."""
 MAKERS: tuple[Maker, ...] = get_args(Maker)

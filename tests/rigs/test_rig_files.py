@@ -94,7 +94,7 @@ def _line(text: str, part: str) -> int:
 def test_five_mistakes_are_told_at_once_with_line_place_and_remedy() -> None:
     text = (
         TEXT.replace("radius_mm: 70", "radius_mn: 70")
-        .replace("axis: 5, width", "axis: 7, width")
+        .replace("axis: 5, width", "axis: 8, width")
         .replace("effect: backlash, axis: 1", "effect: backlsh, axis: 1")
         .replace("a_mm: 254.5", "a_mm: long")
         .replace("line: 4800 7E2", "line: 4800 9X2", 1)
@@ -129,7 +129,7 @@ def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
         "feedback": "did you mean line_feed?",
         "feedback.fields": "each of q1 … q6 must occur once in the line, in _deg or _rad",
         "effects[1]": "did you mean backlash?",
-        "effects[1].axis": "should be less than or equal to 6, not 9",
+        "effects[1].axis": "should be less than or equal to 7, not 9",
         "tests.circle.radius_mn": "did you mean radius_mm?",
     }
 
@@ -328,7 +328,7 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
         ("effects:\n  - {effect: backlash, axis: 1, width: 1}", "line 2, effects[1].width: unknown key; did you mean"),
         ("effects: []\neccentrity_mm: [1, 0, 0]", "line 2, eccentrity_mm: unknown key; did you mean eccentricity_mm?"),
         ("eccentricity_mm: [1, 0]", "line 1, eccentricity_mm[3]: missing"),
-        ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: should be less than or equal to 6, not 9"),
+        ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: should be less than or equal to 7, not 9"),
     ],
 )
 def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path, text: str, told: str) -> None:

@@ -153,7 +153,7 @@ def corrected(name: str) -> None:
     (support,) = supports(rig)
     assert support.use in get_args(Use) and support.reason
     assert bool(effect.compensation().why_not) == (support.use == "none")
-    corrections = joint_zeros([support]) + link_constants(rig, [support])
+    corrections = joint_zeros(rig, [support]) + link_constants(rig, [support])
     assert len(corrections) == (support.use in ("joint zero", "link constant"))
     assert all(one.delta == size_of(effect) for one in corrections)
 

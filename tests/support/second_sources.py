@@ -24,7 +24,7 @@ from rigs.schema.robot import Robot
 Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 Source = Callable[[Array], Array]
-"""Poses (n, 4, 4) of the flange in the base frame, in mm, at the controller's joint angles (n, 6) rad."""
+"""Poses (n, 4, 4) of the flange in the base frame, in mm, at the controller's joint angles (n, axes) rad."""
 
 O = (0.0, 0.0, 0.0)  # noqa: E741 - origin
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -64,14 +64,14 @@ class Chain:
 
     def urdf(self, limit: str = '<limit lower="-3" upper="2.5" velocity="3.5" effort="0"/>') -> str:
         """The chain as a file, from the link `base_link` to `tool0`."""
-        links = ["base_link", *(f"link_{one}" for one in range(1, 7)), "tool0"]
+        links = ["base_link", *(f"link_{one}" for one in range(1, len(self.joints) + 1)), "tool0"]
         parts = [f'<link name="{name}"/>' for name in links]
         for one, (xyz, rpy, axis) in enumerate(self.joints):
             parts.append(
                 f'<joint name="joint_{one + 1}" type="revolute"><parent link="{links[one]}"/>'
                 f'<child link="{links[one + 1]}"/>{_origin(xyz, rpy)}<axis xyz="{_words(axis)}"/>{limit}</joint>'
             )
-        ends = '<parent link="link_6"/><child link="tool0"/>'
+        ends = f'<parent link="link_{len(self.joints)}"/><child link="tool0"/>'
         parts.append(f'<joint name="flange" type="fixed">{ends}{_origin(*self.tool)}</joint>')
         return '<?xml version="1.0"?>\n<robot name="chain">' + "\n".join(parts) + "</robot>\n"
 
@@ -184,11 +184,11 @@ _DOOSAN = Chain(
 )
 
 
-def catalogue(rows: Sequence[Numbers], senses: Numbers = (1,) * 6, j3_counts_j2: bool = False) -> Source:
+def catalogue(rows: Sequence[Numbers], senses: Numbers = (), j3_counts_j2: bool = False) -> Source:
     """rows: alpha (degrees), a, d (mm), theta (degrees) of each joint; a third joint that counts J2 turns it back."""
 
     def poses(q: Array) -> Array:
-        turns = q * senses
+        turns = q * (senses or (1,) * q.shape[1])
         if j3_counts_j2:
             turns[:, 2] -= senses[1] * q[:, 1]
         T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
@@ -260,7 +260,63 @@ def _classic_ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float
     return classic(rows)
 
 
+_RIGHT = 1.57079632679
+_FRANKA = Chain(
+    (
+        ((0, 0, 0.333), O, Z),
+        (O, (-pi / 2, 0, 0), Z),
+        ((0, -0.316, 0), (pi / 2, 0, 0), Z),
+        ((0.0825, 0, 0), (pi / 2, 0, 0), Z),
+        ((-0.0825, 0.384, 0), (-pi / 2, 0, 0), Z),
+        (O, (pi / 2, 0, 0), Z),
+        ((0.088, 0, 0), (pi / 2, 0, 0), Z),
+    ),
+    tool=((0, 0, 0.107), O),
+)
+_IIWA = _upright(
+    [O, (-0.00043624, 0, 0.36), O, (0.00043624, 0, 0.42), O, (0, 0, 0.4), O],
+    [Z, Y, Z, _minus(Y), Z, Y, Z],
+    ((0, 0, 0.126), O),
+)
+_IIWA_STACK = Chain(
+    (
+        ((0, 0, 0.1575), O, Z),
+        ((0, 0, 0.2025), (_RIGHT, 0, pi), Z),
+        ((0, 0.2045, 0), (_RIGHT, 0, pi), Z),
+        ((0, 0, 0.2155), (_RIGHT, 0, 0), Z),
+        ((0, 0.1845, 0), (-_RIGHT, pi, 0), Z),
+        ((0, 0, 0.2155), (_RIGHT, 0, 0), Z),
+        ((0, 0.081, 0), (-_RIGHT, pi, 0), Z),
+    ),
+    tool=((0, 0, 0.045), (pi, pi, pi)),
+)
+_WAM = [(0, 0, 0, -90), (0, 0, 0, 90), (0, 550, 45, -90), (0, 0, -45, 90), (0, 300, 0, -90), (0, 0, 0, 90)]
+
 SOURCES: dict[str, dict[str, Source]] = {
+    "barrett-wam-7": {"geometry": classic([*_WAM, (0, 60, 0, 0)]), "second": classic([*_WAM, (0, 60.9, 0, 0)])},
+    "franka-fr3": {
+        "geometry": catalogue(
+            list(
+                zip(
+                    (0, -90, 90, 90, -90, 90, 90),
+                    (0, 0, 0, 82.5, -82.5, 0, 88),
+                    (333, 0, 316, 0, 384, 0, 107),
+                    (0,) * 7,
+                    strict=True,
+                )
+            )
+        ),
+        "second": _FRANKA,
+    },
+    "kuka-lbr-iiwa-14": {"geometry": _IIWA_STACK, "second": _IIWA},
+    "ur3": {
+        "geometry": _classic_ur(151.9, -243.65, -213.25, 112.35, 85.35, 81.9),
+        "second": _ur(0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    },
+    "ur5": {
+        "geometry": _classic_ur(89.159, -425, -392.25, 109.15, 94.65, 82.3),
+        "second": _ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    },
     "abb-irb-120": {
         "geometry": _abb([O, (0, 0, 0.29), (0, 0, 0.27), (0, 0, 0.07), (0.302, 0, 0), (0.072, 0, 0)]),
         "second": catalogue(_rows((0, 0, 270, 70, 0, 0), (290, 0, 0, 302, 0, 72), (0, -90, 0, 0, 0, 180))),
@@ -353,7 +409,7 @@ SOURCES: dict[str, dict[str, Source]] = {
 def differences(robot: Robot, source: Source, number: int) -> tuple[float, float]:
     """How far a robot's flange and a source's are apart at most, mm and rad, on random postures within its limits."""
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
-    q = np.random.default_rng(16).uniform(low, high, (number, 6))
+    q = np.random.default_rng(16).uniform(low, high, (number, len(low)))
     ours, theirs = forward(arm_of(robot), q), source(q)
     turned = Rotation.from_matrix(ours[:, :3, :3].transpose(0, 2, 1) @ theirs[:, :3, :3]).magnitude()
     return float(np.linalg.norm((ours - theirs)[:, :3, 3], axis=1).max()), float(turned.max())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose
 from analysis.measures.pose import PoseResult
+from analysis.measures.touch import TouchResult
 from analysis.reporting.page.before_after import BeforeAfter
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -79,7 +80,7 @@ def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
     """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
-    runs = [result.measured for result in results if not isinstance(result.found, PoseResult)]
+    runs = [result.measured for result in results if not isinstance(result.found, PoseResult | TouchResult)]
     try:
         return compare(runs, rig) if runs else None
     except RigError:

@@ -12,6 +12,11 @@ ROUNDED = {
     ("doosan-m1013", "second"): (0.02, 1e-9),
 }
 """mm and rad: its URDF writes right angles as 1.571, and the catalogue has 34.506 mm where the URDF has 34.5."""
+ROUNDED |= {
+    ("barrett-wam-7", "second"): (0.9001, 1e-6),
+    ("kuka-lbr-iiwa-14", "second"): (0.9, 1e-6),
+}
+"""Barrett's software has a longer wrist than its manual. A URDF of the iiwa has two of its axes 0.436 mm aside."""
 EXACT = (1e-6, 1e-6)
 
 

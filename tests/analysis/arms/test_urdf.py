@@ -43,7 +43,7 @@ def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) ->
     arm = import_urdf(urdf(tmp_path, chain.urdf()))
     assert parsed(arm.section.text) == arm.section.robot
     assert (arm.base, arm.tip) == ("base_link", "tool0")
-    q = np.random.default_rng(3).uniform(-2.5, 2.5, (200, 6))
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (200, len(chain.joints)))
     controller = q.copy()
     if chain.j3_counts_j2:
         controller[:, 2] -= controller[:, 1]
@@ -150,7 +150,7 @@ MOVED_BASE = (
 BAD = {
     "five": (
         GOOD.replace(FIFTH.group(), FIFTH.group().replace("revolute", "fixed")),
-        "5 turning joints from base_link to tool0, where an arm has six; choose the ends of the arm",
+        "5 turning joints from base_link to tool0, where an arm has six or seven; choose the ends of the arm",
     ),
     "prismatic": (GOOD.replace("revolute", "prismatic", 1), "joint joint_1 is prismatic; it slides"),
     "continuous": (GOOD.replace("revolute", "continuous", 1), "joint joint_1 is continuous; it has no limits: write"),
@@ -199,7 +199,10 @@ BAD = {
         GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
         "link link_1 is the child of two joints",
     ),
-    "no joints": ('<robot name="x"><link name="a"/></robot>', "has no moving joint; give the URDF of a six-axis arm"),
+    "no joints": (
+        '<robot name="x"><link name="a"/></robot>',
+        "has no moving joint; give the URDF of an arm of six or seven axes",
+    ),
     "too many": (
         '<robot name="x">' + "".join(f'<link name="{one}"/>' for one in range(3000)) + "</robot>",
         "has 3000 links and joints, more than 2000",
@@ -226,7 +229,6 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("base", "tip", "what"),
     [
-        (None, "link_7", "7 turning joints from base_link to link_7"),
         ("link_1", None, "5 turning joints from link_1 to tool0"),
         ("tool0", "base_link", "moves the base tool0 itself"),
         ("stand", None, "joint lift moves the base stand itself"),

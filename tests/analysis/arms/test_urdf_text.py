@@ -26,7 +26,9 @@ from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
 from tests.support.nightly import cases
 
-COUPLED = [name for name in arm_names() if np.count_nonzero(load_arm(name).robot.coupling) > 6]
+COUPLED = [
+    name for name in arm_names() if np.count_nonzero(load_arm(name).robot.coupling) > len(load_arm(name).robot.axes)
+]
 PLAIN = [name for name in arm_names() if name not in COUPLED]
 URS = [name for name in PLAIN if name.startswith("ur")]
 

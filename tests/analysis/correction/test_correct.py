@@ -241,7 +241,7 @@ def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
 def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
     more = JointOffset(axis=3, offset_deg=-0.02, found=_found(offset_deg=0.0015))
     rig = _rig(ZERO_3, more, A2)
-    (zero,) = joint_zeros(supports(rig))
+    (zero,) = joint_zeros(rig, supports(rig))
     assert (zero.axis, zero.delta, zero.u) == (3, pytest.approx(0.03), pytest.approx(0.0025))
     (constant,) = link_constants(rig, supports(rig))
     assert (constant.key, constant.corrected, constant.u) == ("a_mm", pytest.approx(695.4), 0.03)

@@ -59,7 +59,7 @@ def test_width_and_decay_are_those_of_the_readings(width: float, decay: float) -
     columns, found = curve_columns(WAVES), []
     for seed in range(4):
         X, y = _drawn(seed, width, decay)
-        found.append(columns.fitted(JointCurves(), lambda one, X=X, y=y: _likelihood(X, y, columns, one)))
+        found.append(columns.fitted(JointCurves((1.0,) * 6), lambda one, X=X, y=y: _likelihood(X, y, columns, one)))
     # What a third of a turn shows of a curve is its size at the orders in the middle.
     middle = [one.widths[1] * 10**-one.decay for one in found]
     assert np.exp(np.mean(np.log(middle))) == pytest.approx(width * 10**-decay, rel=0.35)

@@ -1,4 +1,4 @@
-"""Kinematics as a product of exponentials (Lynch and Park, Modern Robotics, ch. 4): T = exp(S1 θ1) … exp(S6 θ6) M.
+"""Kinematics as a product of exponentials (Lynch and Park, Modern Robotics, ch. 4): T = exp(S1 θ1) … exp(Sn θn) M.
 
 The rig file's constants (modified Denavit–Hartenberg, Craig) only place the screws at θ = 0; mm and rad throughout.
 """
@@ -16,7 +16,8 @@ G_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Constants:
-    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (6,); centre (6, 3) mm; coupling (6, 6)."""
+    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (axes,); centre (axes, 3) mm; coupling
+    (axes, axes)."""
 
     a: Array
     alpha: Array
@@ -33,8 +34,8 @@ class Constants:
 
 @dataclass(frozen=True)
 class Arm:
-    """At θ = 0: a point on each axis (6, 3), its direction (6, 3), the ends of the links (6, 3), the tool (4, 4); zero,
-    coupling; hung (6, 3) mm and mass (6,) kg of the links, payload kg."""
+    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool
+    (4, 4); zero, coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
 
     point: Array
     axis: Array
@@ -49,7 +50,8 @@ class Arm:
 
 @dataclass(frozen=True)
 class Posed:
-    """n postures. point, axis, end (n, 6, 3) where the screws and link ends are; R (n, 3, 3), p (n, 3) of the tool."""
+    """n postures. point, axis, end (n, axes, 3) where the screws and link ends are; R (n, 3, 3) and p (n, 3) of the
+    tool."""
 
     point: Array
     axis: Array
@@ -69,7 +71,7 @@ def placed(axis: int, angle: float, along: float = 0.0) -> Array:
 def arm_from(c: Constants) -> Arm:
     """The screws of an arm, walked from link to link at θ = 0."""
     T, point, axis, end, hung = c.base, [], [], [], []
-    for k in range(6):
+    for k in range(len(c.a)):
         T = T @ placed(0, c.alpha[k], c.a[k]) @ placed(1, c.beta[k])
         point.append(T[:3, 3])
         axis.append(T[:3, 2])
@@ -81,12 +83,12 @@ def arm_from(c: Constants) -> Arm:
 
 
 def pose(arm: Arm, q: Array) -> Posed:
-    """Where everything is for angles of the controller q (n, 6)."""
+    """Where everything is for angles of the controller q (n, axes)."""
     theta = q @ arm.coupling.T + arm.zero
-    n = len(q)
-    point, axis, end = np.empty((n, 6, 3)), np.empty((n, 6, 3)), np.empty((n, 6, 3))
+    n, joints = theta.shape
+    point, axis, end = (np.empty((n, joints, 3)) for _ in range(3))
     R, p = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-    for k in range(6):
+    for k in range(joints):
         point[:, k] = _times(R, arm.point[k]) + p
         axis[:, k] = _times(R, arm.axis[k])
         R = _turned(R, arm.axis[k], theta[:, k])
@@ -96,22 +98,23 @@ def pose(arm: Arm, q: Array) -> Posed:
 
 
 def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
-    """Gravity's torque (n, 6) Nm on the joints of the controller, by the work it does: -d(potential)/dq.
+    """Gravity's torque (n, axes) Nm on the joints of the controller, by the work it does: -d(potential)/dq.
 
     The payload, `extra_kg` more than the rig file says, hangs at the flange.
     """
     theta = q @ arm.coupling.T + arm.zero
     n, R, p = len(q), np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
     axes, points, hung = [], [], []
-    for k in range(6):
+    joints = theta.shape[1]
+    for k in range(joints):
         points.append(_times(R, arm.point[k]) + p)
         axes.append(_times(R, arm.axis[k]))
         R = _turned(R, arm.axis[k], theta[:, k])
         p = points[k] - _times(R, arm.point[k])
         hung.append(_times(R, arm.hung[k]) + p)
-    flange = _times(R, arm.end[5]) + p
-    work = np.zeros((n, 6))
-    for k in range(6):
+    flange = _times(R, arm.end[-1]) + p
+    work = np.zeros((n, joints))
+    for k in range(joints):
         carried = [(mass, at) for mass, at in zip(arm.mass[k:], hung[k:], strict=True)]
         for mass, at in [*carried, (arm.payload + extra_kg, flange)]:
             rise = axes[k][:, 0] * (at - points[k])[:, 1] - axes[k][:, 1] * (at - points[k])[:, 0]

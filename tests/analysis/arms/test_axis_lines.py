@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from analysis.arms.axis_lines import AxisLines, denavit_hartenberg
 from analysis.arms.robot_section import Joint, flange_poses, largest_difference, parsed, robot_of, robot_text
-from analysis.arms.six_axes import SixAxes, denavit_hartenberg
 
 Array = NDArray[np.float64]
 JOINTS = [Joint(f"J{one}", (-170.0, 170.0), 100.0) for one in range(1, 7)]
 
 
-def product_of_turns(axes: SixAxes, q: Array) -> Array:
+def product_of_turns(axes: AxisLines, q: Array) -> Array:
     """Flange poses (n, 4, 4) of axes at joint angles q (n, 6)."""
     T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for point, direction, turn in zip(axes.points, axes.directions, q.T, strict=True):
@@ -25,7 +25,7 @@ def product_of_turns(axes: SixAxes, q: Array) -> Array:
     return T @ axes.T_base_flange
 
 
-def some_axes(seed: int, tilt: float | None) -> SixAxes:
+def some_axes(seed: int, tilt: float | None) -> AxisLines:
     """Six axes some hundred mm apart: in any direction, or each turned by tilt (rad) from the one before."""
     random = np.random.default_rng(seed)
     directions = [random.normal(size=3)]
@@ -41,7 +41,7 @@ def some_axes(seed: int, tilt: float | None) -> SixAxes:
     flange = np.eye(4)
     flange[:3, :3] = Rotation.random(rng=random).as_matrix()
     flange[:3, 3] = random.uniform(-500, 500, 3)
-    return SixAxes(random.uniform(-500, 500, (6, 3)), units, flange)
+    return AxisLines(random.uniform(-500, 500, (6, 3)), units, flange)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -76,7 +76,7 @@ def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off: float, 
 def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them() -> None:
     points = np.zeros((6, 3))
     directions = np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, -1], [1, 0, 0]], dtype=float)
-    axes = SixAxes(points, directions, np.eye(4))
+    axes = AxisLines(points, directions, np.eye(4))
     found = denavit_hartenberg(axes)
     assert np.abs(found.a).max() == 0
     assert np.abs(found.d).max() == 0

@@ -1,4 +1,4 @@
-"""Modified Denavit-Hartenberg constants of six joint axes that are known as lines in space.
+"""Modified Denavit-Hartenberg constants of joint axes that are known as lines in space.
 
 What a source writes as frames and turns, its axes say without: each joint turns about a line. Two lines have a common
 normal, which is Craig's a and alpha; where they are parallel or nearly so, that normal runs away, and the next axis is
@@ -22,10 +22,10 @@ _MEET_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class SixAxes:
-    """Six axes in the base frame, all joints at zero.
+class AxisLines:
+    """The axes of an arm in the base frame, all joints at zero.
 
-    points (6, 3) mm: a point of each; directions (6, 3): unit vectors about which positive angles turn;
+    points (axes, 3) mm: a point of each; directions (axes, 3): unit vectors about which positive angles turn;
     T_base_flange (4, 4), lengths in mm.
     """
 
@@ -36,10 +36,10 @@ class SixAxes:
 
 @dataclass(frozen=True)
 class DenavitHartenberg:
-    """a, d (6,) mm, alpha, beta, offset (6,) rad, senses (6,) of 1 and -1: theta = senses · q + offset.
+    """a, d (axes,) mm, alpha, beta, offset (axes,) rad, senses (axes,) of 1 and -1: theta = senses · q + offset.
 
-    base_mm (3,): where the first axis begins in the base frame. T_base_link (6, 4, 4): each joint's frame with all
-    joints at zero. T_six_flange (4, 4): what lies beyond the last joint and is no turn about it, nor a way along it.
+    base_mm (3,): where the first axis begins in the base frame. T_base_link (axes, 4, 4): each joint's frame with all
+    joints at zero. T_last_flange (4, 4): what lies beyond the last joint and is no turn about it, nor a way along it.
     """
 
     a: Array
@@ -50,7 +50,7 @@ class DenavitHartenberg:
     senses: Array
     base_mm: Array
     T_base_link: Array
-    T_six_flange: Array
+    T_last_flange: Array
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class _Step:
     x: Array
 
 
-def denavit_hartenberg(axes: SixAxes) -> DenavitHartenberg:
-    """Return the constants of six axes, joint by joint from the base.
+def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
+    """Return the constants of an arm's axes, joint by joint from the base.
 
     The first axis is taken to point as the base's z and the last as the flange's, with the joint's sense in `senses`;
     x axes are chosen so that the offsets are the smallest.
@@ -74,16 +74,16 @@ def denavit_hartenberg(axes: SixAxes) -> DenavitHartenberg:
     base = axes.points[0] - (axes.points[0] @ z[0]) * z[0]
     step = _turned(base, np.eye(3), z[0], a=0.0)
     steps, offsets, ds, frames = [step], [], [], []
-    for axis in range(5):
+    for axis in range(len(z) - 1):
         origin, x, step = _linked(step, z[axis], axes.points[axis], z[axis + 1], axes.points[axis + 1])
         ds.append((origin - steps[-1].origin) @ z[axis])
         offsets.append(_angle(steps[-1].x, x, z[axis]))
         frames.append(_frame(x, z[axis], origin))
         steps.append(step)
-    origin, x = _last(step, z[5], axes.T_base_flange)
-    ds.append((origin - step.origin) @ z[5])
-    offsets.append(_angle(step.x, x, z[5]))
-    frames.append(_frame(x, z[5], origin))
+    origin, x = _last(step, z[-1], axes.T_base_flange)
+    ds.append((origin - step.origin) @ z[-1])
+    offsets.append(_angle(step.x, x, z[-1]))
+    frames.append(_frame(x, z[-1], origin))
     return DenavitHartenberg(
         a=np.array([one.a for one in steps]),
         alpha=np.array([one.alpha for one in steps]),
@@ -93,15 +93,15 @@ def denavit_hartenberg(axes: SixAxes) -> DenavitHartenberg:
         senses=senses,
         base_mm=base,
         T_base_link=np.array(frames),
-        T_six_flange=np.linalg.inv(frames[-1]) @ axes.T_base_flange,
+        T_last_flange=np.linalg.inv(frames[-1]) @ axes.T_base_flange,
     )
 
 
-def _signed(axes: SixAxes) -> tuple[Array, Array]:
-    """Directions (6, 3) of the z axes, and the senses (6,) in which the joints turn about them."""
-    senses = np.ones(6)
+def _signed(axes: AxisLines) -> tuple[Array, Array]:
+    """Directions (axes, 3) of the z axes, and the senses (axes,) in which the joints turn about them."""
+    senses = np.ones(len(axes.directions))
     senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
-    senses[5] = -1.0 if axes.directions[5] @ axes.T_base_flange[:3, 2] < 0 else 1.0
+    senses[-1] = -1.0 if axes.directions[-1] @ axes.T_base_flange[:3, 2] < 0 else 1.0
     return axes.directions * senses[:, None], senses
 
 

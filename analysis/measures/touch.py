@@ -1,0 +1,168 @@
+"""Touch test: the ball on the tool seated in sockets, in many postures; how far the arm says it was from one place.
+
+The ball's place on the tool (3) and each socket's place (3) are least squares over all touches, linear in both.
+What is left is the arm's error at one point, and needs no instrument. ASME B89.4.22-2004 (single-point articulation):
+of each socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
+
+Uncertainties: the scatter of a seated ball and of a robot that stops as real ones do, through the fit. They hold the
+noise alone, since the arm's own errors are what is measured. The distance of two sockets takes part in these errors, so
+that what is left of the touches counts as noise for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array, Integers, forward
+from analysis.measures.checks import hold_numbers
+from analysis.measures.lap_curve import SEED
+from analysis.measures.quantity import Quantity, figures_of
+from analysis.model.predict import Model, moved, path_of
+from analysis.noise.cell import TARGET_MM
+from analysis.noise.spectrum import DRAWS
+from analysis.traces.tables import TouchTable
+from rigs.errors import FileError
+
+SEAT_MM = 0.01
+"""Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
+repeat to some micrometres, and dust and oil are a hundredth of a millimetre."""
+_FEWEST = 6
+"""Touches of two sockets, or of one, that are more than the unknowns."""
+_BLIND = 1e-3
+"""Share of the largest singular value below which the ball's place on the tool is not determined along a direction."""
+
+
+@dataclass(frozen=True)
+class SocketDistance:
+    """The distance of two sockets, as the arm has it, and as the rig file knows it, None where it does not."""
+
+    between: tuple[str, str]
+    distance: Quantity
+    known: Quantity | None
+
+
+@dataclass(frozen=True)
+class TouchResult:
+    """position_mm (n, 3): of the ball from its socket, in the world; ball_mm (3,): the ball's place on the tool;
+    sockets by name, (3,) mm in the world; distances of pairs that the rig file knows, or of all of up to four
+    sockets."""
+
+    position_mm: Array
+    ball_mm: Array
+    sockets_mm: dict[str, Array]
+    distances: tuple[SocketDistance, ...]
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+    rows: Integers
+
+
+def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
+    """Return the figures of touches by a model of the arm: rms_mm and max_mm of the ball from its socket, spat_mm, and
+    socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
+    _hold(table, where)
+    T = forward(model.arm, table.q) if not model.effects else moved(model, path := path_of(model, table)).T[path.rows]
+    names, socket = np.unique(table.socket, return_inverse=True)
+    design = _design(T, socket.ravel(), len(names))
+    seen = -T[:, :3, 3].ravel()
+    solved = np.linalg.pinv(design)
+    terms = solved @ seen
+    left = (design @ terms - seen).reshape(-1, 3)
+    rng = np.random.default_rng(SEED)
+    level = np.hypot(SEAT_MM, TARGET_MM.low * (TARGET_MM.high / TARGET_MM.low) ** rng.uniform(size=(DRAWS, 1)))
+    noise = level * rng.standard_normal((DRAWS, len(seen)))
+    drawn_terms = terms + noise @ solved.T
+    drawn = left - (noise - noise @ solved.T @ design.T).reshape(DRAWS, -1, 3)
+    counted = socket.ravel(), len(names)
+    figures = figures_of(_plain(left, *counted), _plain(drawn, *counted), len(left), noise="assumed")
+    sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
+    errs_mm = float(np.sqrt((left**2).mean()))
+    spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
+    distances = _distances(model, names.tolist(), terms, spread, len(left))
+    if len(names) == 2:
+        figures["socket_distance_mm"] = distances[0].distance
+    notes = (*_blind(design), *_known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
+    return TouchResult(left, terms[:3], sockets, distances, figures, len(left), notes, table.rows - 1)
+
+
+def _hold(table: TouchTable, where: str) -> None:
+    hold_numbers(where, q=table.q)
+    sockets = len(np.unique(table.socket))
+    if 3 * len(table.q) <= 3 + 3 * sockets or len(table.q) < _FEWEST:
+        what = f"has {len(table.q)} touches of {sockets} socket{'s' * (sockets > 1)}, too few to fit their places"
+        raise FileError(where, what, f"give at least {max(_FEWEST, sockets + 2)}, in postures that differ")
+    if np.ptp(table.q, axis=0).max() < 1e-6:
+        raise FileError(where, "the robot stood still in all rows", "touch each socket in many postures")
+    if (most := np.abs(table.q).max()) > 4 * np.pi:
+        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
+        raise FileError(where, angle, "check the unit of q: files hold degrees")
+
+
+def _design(T: Array, socket: Integers, sockets: int) -> Array:
+    """Slopes (3 n, 3 + 3 s) of the ball's place from its socket by its place on the tool and by the sockets' places."""
+    design = np.zeros((len(T), 3, 3 + 3 * sockets))
+    design[:, :, :3] = T[:, :3, :3]
+    for axis in range(3):
+        design[np.arange(len(T)), axis, 3 + 3 * socket + axis] = -1.0
+    return design.reshape(3 * len(T), -1)
+
+
+def _plain(left: Array, socket: Integers, sockets: int) -> dict[str, Array]:
+    """Figures (...,) in mm of the ball's places from their sockets (..., n, 3) mm."""
+    distance = np.linalg.norm(left, axis=-1)
+    worst = np.zeros(distance.shape[:-1])
+    for number in range(sockets):
+        own = left[..., socket == number, :]
+        if own.shape[-2] > 1:
+            away = np.linalg.norm(own - own.mean(axis=-2, keepdims=True), axis=-1)
+            worst = np.maximum(worst, 2 * np.sqrt((away**2).sum(axis=-1) / (own.shape[-2] - 1)))
+    return {"rms_mm": np.sqrt((distance**2).mean(axis=-1)), "max_mm": distance.max(axis=-1), "spat_mm": worst}
+
+
+def _distances(
+    model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
+) -> tuple[SocketDistance, ...]:
+    """The distances of sockets whose places are among the terms (3 + 3 s,) mm, and in draws (m, 3 + 3 s) of them."""
+    declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
+    known = {frozenset(one.between): Quantity(one.distance_mm, one.u_mm, "mm") for one in declared}
+    found = []
+    for one, other in combinations(range(len(names)), 2):
+        pair = frozenset((names[one], names[other]))
+        if len(names) > _ALL_PAIRS and pair not in known:
+            continue
+        places = [slice(3 + 3 * k, 6 + 3 * k) for k in (one, other)]
+        apart, draws = (np.linalg.norm(all_[..., places[0]] - all_[..., places[1]], axis=-1) for all_ in (terms, drawn))
+        figure = figures_of({"d_mm": apart}, {"d_mm": draws}, samples, noise="assumed")["d_mm"]
+        found.append(SocketDistance((names[one], names[other]), figure, known.get(pair)))
+    return tuple(found)
+
+
+_ALL_PAIRS = 4
+"""Sockets up to which the distance of each pair is a figure; more have too many pairs to read."""
+
+
+def _blind(design: Array) -> tuple[str, ...]:
+    s = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
+    if s[-1] > _BLIND * s[0]:
+        return ()
+    return ("the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more",)
+
+
+def _known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
+    """What to say of distances that the arm has otherwise than they are known."""
+    return tuple(
+        f"sockets {one.between[0]} and {one.between[1]} are {one.known} apart, and by the arm {one.distance}: its "
+        "constants are wrong by a part of that, or the distance is not right"
+        for one in distances
+        if one.known and abs(one.distance.value - one.known.value) > 2 * float(np.hypot(one.distance.u, one.known.u))
+    )
+
+
+def _alone(names: Sequence[str], socket: Integers) -> tuple[str, ...]:
+    """What to say of sockets that were touched once, which show nothing."""
+    once = [name for number, name in enumerate(names) if np.count_nonzero(socket == number) < 2]
+    return (f"{', '.join(once)} touched once only, which shows nothing: touch each in many postures",) if once else ()
