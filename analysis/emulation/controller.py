@@ -144,6 +144,8 @@ class Controller:
             change *= np.sign(stands)
         one = np.zeros(6)
         one[axis - 1] = change
+        if parameter.field == "offset":  # of the angle that is read, which some arms count against the frame's
+            one = self.arm.coupling @ one
         if parameter.field == "reading":
             return replace(self, reads_more=self.reads_more + one)
         arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + one})
