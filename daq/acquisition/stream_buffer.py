@@ -68,6 +68,8 @@ class StreamBuffer:
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
     """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
+    _is_faulty: bool = False
+    """Whether the last fault is the instrument's or its line's, and no reading came since."""
     _recent: deque[Sample | Samples] = field(default_factory=deque)
     _recent_size: int = 0
 
@@ -166,8 +168,11 @@ class StreamBuffer:
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
-            self._last_fault = item.detail
+            is_stall = item.kind is FaultKind.STALLED
+            if not (is_stall and self._is_faulty):  # a short stall does not hide why the instrument gives no readings
+                self._last_fault, self._is_faulty = item.detail, not is_stall
             return
+        self._is_faulty = False
         self._counters["samples"] += size_of(item)
         self._keep_recent(item)
         if isinstance(item, Samples):

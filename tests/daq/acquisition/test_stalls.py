@@ -27,6 +27,20 @@ def buffer() -> StreamBuffer:
     return StreamBuffer("g1", ("g1_mm",))
 
 
+def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer: StreamBuffer) -> None:
+    def stand_still() -> None:
+        buffer.beat()
+        buffer.heartbeat_ns -= S
+        buffer.beat()
+
+    buffer.deliver([Fault(FaultKind.DEVICE_ERROR, 0, "ERR0: sensor error")])
+    stand_still()
+    assert buffer.state().last_fault == "ERR0: sensor error"
+    buffer.deliver([Sample((1.0,), 0, 0, S, 9)])
+    stand_still()
+    assert "stood still for 1.0 s" in buffer.state().last_fault
+
+
 def test_a_reader_that_stood_still_reports_it_once_with_its_length(buffer: StreamBuffer) -> None:
     buffer.beat()
     assert buffer.drain() == [], "it has just begun"
