@@ -59,7 +59,9 @@ def named(here: Path) -> list[list[str]]:
         parts = []
         for run in runs:
             k = 24 + 5 * setups.index(run.setup)
-            parts.append((read(own, base, tool, run, offsets, x[k : k + 3]) - x[k + 3 : k + 3 + run.g.shape[1]] - run.g).ravel())
+            parts.append(
+                (read(own, base, tool, run, offsets, x[k : k + 3]) - x[k + 3 : k + 3 + run.g.shape[1]] - run.g).ravel()
+            )
         return np.concatenate([*parts, x[:24] / (WEAK * usual)])
 
     start = np.concatenate([np.zeros(24), *(np.append(place, [0.0, 0.0]) for place in starts)])

@@ -34,8 +34,10 @@ SPEED_DEG_S = 120
 
 
 def answered(tasks: Path, answers: Path) -> None:
-    """Answer every task that rig can enter, and say how long each took and which it cannot."""
+    """Answer every task that rig can enter and has not answered, and say how long each took and which it cannot."""
     for task in read_tasks(tasks):
+        if (answers / f"{task.name}.csv").exists():
+            continue
         begin = time.process_time()
         try:
             with tempfile.TemporaryDirectory(prefix="ground-") as work:

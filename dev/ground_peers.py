@@ -125,7 +125,9 @@ def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
     """Answer by pybotics: all constants, world frame and target. It knows one placement: that with most poses."""
     names, counts = np.unique(given.placement, return_counts=True)
     of_most = given.of(given.placement == names[counts.argmax()])
-    chosen = np.isin(np.arange(len(of_most.q)), np.random.default_rng(0).permutation(len(of_most.q))[:GIVEN_TO_PYBOTICS])
+    chosen = np.isin(
+        np.arange(len(of_most.q)), np.random.default_rng(0).permutation(len(of_most.q))[:GIVEN_TO_PYBOTICS]
+    )
     used = of_most.of(chosen)
     frame = framed(arm, used).values
     world = np.eye(4)

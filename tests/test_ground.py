@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.ground.plain_arm import framed, read_arm, read_columns, read_poses, write_rows
+from tests.support.ground.plain_arm import read_columns, read_poses, write_rows
 from tests.support.ground.score import scored
 from tests.support.ground.table import draw, markdown
 from tests.support.ground.tasks import Size, make, read_tasks
@@ -97,7 +98,8 @@ def test_wrong_and_broken_answers_are_scored_as_such(
     ground: Path, tmp_path: Path, answer: Callable[[Path, dict[str, Path]], None]
 ) -> None:
     kind = "fault" if answer is wrong_fault else "poses"
-    answer(tmp_path, {task.name: ground / "tasks" / task.name for task in read_tasks(ground / "tasks") if task.kind == kind})
+    names = [task.name for task in read_tasks(ground / "tasks") if task.kind == kind]
+    answer(tmp_path, {name: ground / "tasks" / name for name in names})
     found = scored(ground, tmp_path)
     if kind == "fault":
         assert found["one circle each way, sound: no part named"]["share"].value == 0
@@ -108,15 +110,17 @@ def test_wrong_and_broken_answers_are_scored_as_such(
         assert own["removed"].value < 0 and own["error_over_u"].value > 100
 
 
-def test_a_program_can_enter_from_the_files_alone(ground: Path, tmp_path: Path) -> None:
-    """The nominal arm with its frame and target fitted: the entry of docs/proving-ground.md."""
-    for name in ("curves-1", "curves-few-1"):
-        here = ground / "tasks" / name
-        arm, given, asked = read_arm(here / "arm.csv"), *(read_poses(here / f"{one}.csv") for one in ("train", "test"))
-        places = framed(arm, given).places(arm, asked.q)
-        rows = [[str(k), *map(str, place), "1"] for k, place in enumerate(places, start=1)]
-        write_rows(tmp_path / f"{name}.csv", ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
-    own = scored(ground, tmp_path)["arms with joint curves, 40 poses"]
+def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nominal arm with its frame and target fitted, which removes nothing."""
+    page = (ROOT / "docs" / "proving-ground.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+    assert len(code.splitlines()) < 15
+    (tmp_path / "try").mkdir()
+    (tmp_path / "try" / "ground").symlink_to(ground)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code.replace("try/ground/answers", "answers"), "proving-ground.md", "exec"), {})  # noqa: S102 - our page
+    own = scored(ground, tmp_path / "answers")["arms with joint curves, 40 poses"]
+    assert own["answered"].value == 1
     assert own["removed"].value == pytest.approx(0, abs=1e-3)
     assert own["error_um"].low < own["error_um"].value < own["error_um"].high
 

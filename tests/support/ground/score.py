@@ -22,7 +22,7 @@ from tests.support.blind.scoring import wilson
 from tests.support.ground.plain_arm import Array, read_columns
 from tests.support.ground.tasks import Task, read_tasks
 
-DRAWS = 2000
+DRAWS = 1000
 """Of the bootstrap: an interval's ends are then known to a twentieth of its width."""
 
 
@@ -50,7 +50,7 @@ def scored(directory: Path, answers: Path) -> Scores:
 
     The figures of a row of poses: `error_um` rms of the distance, `nominal_um` that of the nominal arm, `removed` the
     share of it that is gone, `answered` the share of poses that were, and `error_over_u` rms, `within_2u` share, `u_um`
-    median where u was told. Those of faults are shares of cells, and of names and sizes.
+    median where u was told. Those of faults are the `share` of cells, names or sizes, and `answered` that of cells.
     """
     truth = directory / "truth"
     tasks = read_tasks(truth)
@@ -136,8 +136,7 @@ def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
 
 
 def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
-    """Return a cell beside what was named in it. A file that is missing names nothing, and does not call an arm sound.
-    """
+    """Return a cell beside what was named in it. A missing file names nothing, and does not call an arm sound."""
     true: dict[str, Any] = json.loads((truth / f"{task.name}.json").read_text(encoding="utf-8"))
     path = answers / f"{task.name}.csv"
     sizes = {one["name"]: one["size"] for one in true["hidden"]}
@@ -174,7 +173,8 @@ def fault_figures(cases: Sequence[RealCase]) -> Scores:
         "one circle each way, one fault: named first": [case.first for case in of("one_large", among=short)],
         "one circle each way: names that are right": [n not in case.wrong for case in short for n in case.standing],
     }
-    return {row: {"share": share(hits)} for row, hits in rows.items()}
+    entered = share([case.answer.condition != "none" for case in cases])
+    return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
 
 
 def sizes_within(cases: Sequence[RealCase]) -> list[bool]:

@@ -71,6 +71,8 @@ def honesty(own: Mapping[str, Figure]) -> str:
 def shared(scores: Scores, row: str) -> str:
     """Return a share with how many it is of."""
     one = scores[row]["share"]
+    if scores[row]["answered"].value == 0:
+        return "not entered"
     if not one.of:
         return "–"
     return f"{interval(one, lambda value: f'{100 * value:.0f}')} % of {one.of}"

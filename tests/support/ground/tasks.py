@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tests.support import soft_arm
 from tests.support.ground.plain_arm import Array, PlainArm, Poses, framed, write_arm, write_poses, write_rows
@@ -100,12 +99,13 @@ NAME/       the files of one task
 
 Lengths are in mm and angles in degrees. Arms are modified Denavit-Hartenberg,
   T(i-1,i) = RotX(alpha) TransX(a) RotZ(q + offset) TransZ(d),
-an axis a row in arm.csv, with mass and centre of mass of each link in its frame where the maker tells them (0: not told).
+an axis a row in arm.csv, with mass and centre of mass of each link in its frame (0 where the maker does not tell).
 
 kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: where an instrument saw its target),
-             test.csv (pose, placement, q1_deg ...). Poses of one placement share the instrument's frame and the target on
-             the flange, which no file tells. Answer NAME.csv: pose, x_mm, y_mm, z_mm, u_mm; u_mm is the standard
-             uncertainty of the whole distance between your place and the instrument's, of three coordinates together.
+             test.csv (pose, placement, q1_deg ...). Poses of one placement share the instrument's frame and the
+             target on the flange, which no file tells. Answer NAME.csv: pose, x_mm, y_mm, z_mm, u_mm; u_mm is the
+             standard uncertainty of the distance between your place and the instrument's, of three coordinates
+             together.
 kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction, use), a table a run.
              Answer NAME.csv: part, axis, size, u; a row for each part that is wrong, the surest first, none for a sound
              arm. Parts and units are those of parts.csv.
@@ -218,9 +218,7 @@ def ur10_splits(b: Path, d: Path) -> list[Split]:
 
 def joined(one: Poses, other: Poses) -> Poses:
     """Return the poses of both."""
-    parts_of = (
-        np.concatenate([getattr(one, name), getattr(other, name)]) for name in ("q", "xyz_mm", "placement")
-    )
+    parts_of = (np.concatenate([getattr(one, name), getattr(other, name)]) for name in ("q", "xyz_mm", "placement"))
     return Poses(*parts_of)
 
 
