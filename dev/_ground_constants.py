@@ -55,7 +55,7 @@ def named(here: Path) -> list[list[str]]:
     unit = np.where(np.isin(np.arange(24) // 6, (1, 3)), 1e3 * np.radians(1), 1.0)  # mm, or mrad for degrees
 
     def left(x: Array) -> Array:
-        own = arm.changed(x[:24] * unit)
+        own = arm.changed(np.concatenate([x[:18], coupling @ x[18:24]]) * unit)
         parts = []
         for run in runs:
             k = 24 + 5 * setups.index(run.setup)
@@ -67,9 +67,9 @@ def named(here: Path) -> list[list[str]]:
     start = np.concatenate([np.zeros(24), *(np.append(place, [0.0, 0.0]) for place in starts)])
     found = least_squares(left, start, x_scale="jac", loss="soft_l1", f_scale=0.1, max_nfev=30)
     variance = float(np.mean(left(found.x)[:-24] ** 2))
-    scale = np.linalg.norm(found.jac, axis=0)
-    _, values, vectors = np.linalg.svd(found.jac / scale, full_matrices=False)
-    u = np.sqrt(variance * ((vectors / values[:, None]) ** 2).sum(axis=0))[:24] / scale[:24]
+    seen = np.linalg.norm(found.jac, axis=0) > 0  # a hemisphere has one zero of the two
+    covariance = variance * np.linalg.inv(found.jac[:, seen].T @ found.jac[:, seen])
+    u = np.sqrt(np.diag(covariance))[:24]
     size = found.x[:24]
     off = (np.abs(size) >= UNUSUAL * usual) & (np.abs(size) >= SURE * u)
     rows = []
