@@ -28,7 +28,17 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from tests.support.ground.plain_arm import Array, Frame, PlainArm, Poses, framed, read_arm, read_poses, write_rows
+from tests.support.ground.plain_arm import (
+    Array,
+    Frame,
+    PlainArm,
+    Poses,
+    framed,
+    framed_at,
+    read_arm,
+    read_poses,
+    write_rows,
+)
 
 FITTED_BY_GP = 400
 """Poses at most by which the lengths of the kernel are chosen; the process itself has all of them."""
@@ -122,7 +132,8 @@ def by_gaussian_process(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
 
 
 def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
-    """Answer by pybotics: all constants, world frame and target. It knows one placement: that with most poses."""
+    """Answer by pybotics: all constants, world frame and target. It knows one placement, that with most poses; of others
+    frame and target are fitted here to the arm that it found."""
     names, counts = np.unique(given.placement, return_counts=True)
     of_most = given.of(given.placement == names[counts.argmax()])
     chosen = np.isin(
@@ -143,18 +154,16 @@ def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
     )  # fmt: skip
     handler.apply_optimization_vector(found.x)
     robot = handler.robot
+    said = np.array([robot.fk(q)[:3, 3] for q in asked.q])
+    robot.world_frame, robot.tool = np.eye(4), Tool()
 
-    def places(q: Array) -> Array:
-        return np.array([robot.fk(one)[:3, 3] for one in q])
+    def flange(q: Array) -> tuple[Array, Array]:
+        T = np.array([robot.fk(one) for one in q])
+        return T[:, :3, :3], T[:, :3, 3]
 
-    said = places(asked.q)
-    for placement in np.unique(asked.placement):
-        if placement == names[counts.argmax()]:
-            continue
+    for placement in np.unique(asked.placement[asked.placement != names[counts.argmax()]]):
         new, there = given.of(given.placement == placement), asked.placement == placement
-        seen = places(new.q)
-        turn, _ = Rotation.align_vectors(new.xyz_mm - new.xyz_mm.mean(axis=0), seen - seen.mean(axis=0))
-        said[there] = turn.apply(said[there] - seen.mean(axis=0)) + new.xyz_mm.mean(axis=0)
+        said[there] = framed_at(*flange(new.q), new.xyz_mm).seen(*flange(asked.q[there]))
     return Answer(said, np.full(len(said), np.nan))
 
 

@@ -145,15 +145,22 @@ class Frame:
 
     def places(self, arm: PlainArm, q: Array) -> Array:
         """Return where the instrument sees the target (m, 3) mm at joint angles q (m, n) rad."""
-        R, p = arm.flange(q)
+        return self.seen(*arm.flange(q))
+
+    def seen(self, R: Array, p: Array) -> Array:
+        """Return where the instrument sees the target (m, 3) mm of flanges turned by R (m, 3, 3) at p (m, 3) mm."""
         turn = Rotation.from_rotvec(self.values[:3] / 1e3).as_matrix()
         return np.asarray((p + R @ self.values[6:]) @ turn.T + self.values[3:6])
 
 
 def framed(arm: PlainArm, poses: Poses) -> Frame:
     """Fit frame and target of one placement to an arm as it is."""
-    R, p = arm.flange(poses.q)
-    seen, tool, values = poses.xyz_mm, np.zeros(3), np.zeros(9)
+    return framed_at(*arm.flange(poses.q), poses.xyz_mm)
+
+
+def framed_at(R: Array, p: Array, seen: Array) -> Frame:
+    """Fit frame and target to flanges turned by R (m, 3, 3) at p (m, 3) mm, whose targets were seen at (m, 3) mm."""
+    tool, values = np.zeros(3), np.zeros(9)
     for _ in range(ROUNDS):
         points = p + R @ tool
         turn, _ = Rotation.align_vectors(seen - seen.mean(axis=0), points - points.mean(axis=0))
@@ -161,5 +168,5 @@ def framed(arm: PlainArm, poses: Poses) -> Frame:
         columns = np.concatenate([M @ R, np.tile(np.eye(3), (len(p), 1, 1))], axis=2).reshape(-1, 6)
         found = np.linalg.lstsq(columns, (seen - p @ M.T).ravel(), rcond=None)[0]
         tool, values = found[:3], np.concatenate([1e3 * turn.as_rotvec(), found[3:], found[:3]])
-    fitted = least_squares(lambda x: (Frame(x).places(arm, poses.q) - seen).ravel(), values, x_scale="jac")
+    fitted = least_squares(lambda x: (Frame(x).seen(R, p) - seen).ravel(), values, x_scale="jac")
     return Frame(fitted.x)

@@ -92,10 +92,11 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 def draw(entries: Entries, path: Path) -> None:
     """Draw what each entry leaves of the nominal error, task by task, and how true its u is."""
     import matplotlib.pyplot as plt  # noqa: PLC0415 - slow to import
+    from matplotlib.ticker import NullLocator, ScalarFormatter  # noqa: PLC0415
 
     rows = [row for row in rows_of(entries) if "error_um" in any_scores(entries)[row]]
     figure, (left, right) = plt.subplots(
-        1, 2, figsize=(11, 0.5 + 0.5 * len(rows)), width_ratios=(3, 2), sharey=True, layout="constrained"
+        1, 2, figsize=(11, 1 + 0.5 * len(rows)), width_ratios=(3, 2), sharey=True, layout="constrained"
     )
     at = np.arange(len(rows))[::-1].astype(float)
     nominal = [any_scores(entries)[row]["nominal_um"].value for row in rows]
@@ -110,11 +111,16 @@ def draw(entries: Entries, path: Path) -> None:
                 value[:, 1], y[shown], xerr=np.maximum(np.abs(value[:, 1:2] - value[:, [0, 2]]).T, 0), fmt="o",
                 markersize=4, capsize=2, color=COLOURS[k % len(COLOURS)], label=entry if axes is left else None,
             )  # fmt: skip
-    left.set(xscale="log", xlabel="error at poses that were not given, µm rms", yticks=at, yticklabels=rows)
+    left.set(xlabel="error at poses that were not given, µm rms", yticks=at, yticklabels=rows)
     right.axvline(1, color="0.6", linestyle="--", linewidth=1)
-    right.set(xscale="log", xlabel="error over stated u, rms (1: u is true)")
-    for axes in (left, right):
-        axes.grid(color="0.9", axis="x", which="both")
-    left.legend(frameon=False, fontsize=9, loc="best")
+    right.set(xlabel="error over stated u, rms (1: u is true)")
+    for axes, ticks in ((left, (20, 50, 100, 200, 500, 1000, 2000, 5000)), (right, (0.25, 0.5, 1, 2, 4))):
+        axes.set_xscale("log")
+        low, high = axes.get_xlim()
+        axes.set_xticks([tick for tick in ticks if low < tick < high], minor=False)
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.grid(color="0.9", axis="x")
+    figure.legend(frameon=False, loc="outside upper center", ncols=len(entries) + 1)
     figure.savefig(path, dpi=100)
     plt.close(figure)
