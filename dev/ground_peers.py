@@ -132,8 +132,8 @@ def by_gaussian_process(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
 
 
 def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
-    """Answer by pybotics: all constants, world frame and target. It knows one placement, that with most poses; of others
-    frame and target are fitted here to the arm that it found."""
+    """Answer by pybotics: all constants, world frame and target. It knows one placement, that with most poses; those of
+    others are fitted here to the arm that it found."""
     names, counts = np.unique(given.placement, return_counts=True)
     of_most = given.of(given.placement == names[counts.argmax()])
     chosen = np.isin(
