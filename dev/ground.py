@@ -7,10 +7,11 @@ enter.
 from __future__ import annotations
 
 import argparse
+import csv
 import json
+import resource
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -65,8 +66,11 @@ def main(words: Sequence[str] | None = None) -> int:
         case "make":
             made(given.directory, given)
         case "score":
-            found = scored(given.directory, given.answers)
-            print(as_json({"": found}) if given.json else markdown({given.answers.name: found}))
+            try:
+                found = {given.answers.name: scored(given.directory, given.answers)}
+            except csv.Error as error:
+                raise SystemExit(f"error: {given.answers}: a file is no CSV table: {error}; write it again") from error
+            print(as_json(found) if given.json else markdown(found))
         case "run":
             run(given)
     return 0
@@ -81,28 +85,38 @@ def made(directory: Path, given: argparse.Namespace) -> None:
 
 def run(given: argparse.Namespace) -> None:
     """Make the tasks, or use those that are there, let each entry answer those it has not, and print the table."""
-    directory, begin = given.directory, time.monotonic()
+    directory = given.directory
     if not (directory / "truth" / "made.json").exists():
         made(directory, given)
+    seed = json.loads((directory / "truth" / "made.json").read_text(encoding="utf-8"))["seed"]
+    if seed != given.seed:
+        raise SystemExit(f"error: {directory} was made with --seed {seed}; give that, or another directory")
     found: dict[str, Scores] = {}
     seconds = {}
     for entry in given.entries.split(","):
         answers = directory / "answers" / entry.replace(" ", "-").lower()
-        own = time.monotonic()
         if not (answers / "done").exists():
             answers.mkdir(parents=True, exist_ok=True)
-            subprocess.run([*ENTRIES[entry], str(directory / "tasks"), str(answers)], check=True)
-            (answers / "done").write_text(f"{time.monotonic() - own:.0f}\n", encoding="utf-8")
+            before = children_s()
+            ended = subprocess.run([*ENTRIES[entry], str(directory / "tasks"), str(answers)], check=False)
+            if ended.returncode:
+                raise SystemExit(f"error: {entry} ended with {ended.returncode}; the same command goes on")
+            (answers / "done").write_text(f"{children_s() - before:.0f}\n", encoding="utf-8")
         seconds[entry] = int((answers / "done").read_text(encoding="utf-8"))
         found[entry] = scored(directory, answers)
     (directory / "scores.json").write_text(as_json(found) + "\n", encoding="utf-8")
-    seed = json.loads((directory / "truth" / "made.json").read_text(encoding="utf-8"))["seed"]
     took = ", ".join(f"{entry} {own} s" for entry, own in seconds.items())
-    print(f"\nSeed {seed}, {datetime.now(UTC):%Y-%m-%d}, {time.monotonic() - begin:.0f} s; {took}.\n")
+    print(f"\nSeed {seed}, {datetime.now(UTC):%Y-%m-%d}; processor time: {took}.\n")
     print(markdown(found))
     if given.picture:
         draw(found, given.picture)
         print(f"wrote {given.picture}")
+
+
+def children_s() -> float:
+    """Return the processor time in s of all entries that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def as_json(found: dict[str, Scores]) -> str:

@@ -155,3 +155,10 @@ def test_the_commands_make_score_and_draw(tmp_path: Path, capsys: pytest.Capture
     assert "not entered" in markdown(found)
     draw(found, tmp_path / "table.png")
     assert (tmp_path / "table.png").stat().st_size > 10_000
+
+
+def test_the_table_of_the_front_page_is_that_of_the_proving_ground() -> None:
+    front, page = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/proving-ground.md"))
+    rows = [line for line in front.splitlines() if line.startswith(("| task |", "| UR10 ", "| UR5,", "| WAM "))]
+    assert len(rows) > 5
+    assert set(rows) <= set(page.splitlines())
