@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -98,7 +99,8 @@ def run(given: argparse.Namespace) -> None:
         if not (answers / "done").exists():
             answers.mkdir(parents=True, exist_ok=True)
             before = children_s()
-            ended = subprocess.run([*ENTRIES[entry], str(directory / "tasks"), str(answers)], check=False)
+            command = [*ENTRIES[entry], str(directory / "tasks"), str(answers)]
+            ended = subprocess.run(command, check=False, env=os.environ | {"PATH": path_outside()})
             if ended.returncode:
                 raise SystemExit(f"error: {entry} ended with {ended.returncode}; the same command goes on")
             (answers / "done").write_text(f"{children_s() - before:.0f}\n", encoding="utf-8")
@@ -111,6 +113,12 @@ def run(given: argparse.Namespace) -> None:
     if given.picture:
         draw(found, given.picture)
         print(f"wrote {given.picture}")
+
+
+def path_outside() -> str:
+    """Return the path without this environment: an entry makes its own by the python that has pip."""
+    own = str(Path(sys.executable).parent)
+    return os.pathsep.join(place for place in os.environ["PATH"].split(os.pathsep) if place != own)
 
 
 def children_s() -> float:
