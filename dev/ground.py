@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = {
     "rig": [sys.executable, str(ROOT / "dev" / "_ground_rig.py")],
     "least squares": [str(ROOT / "scripts" / "dev"), "ground_peers", "least-squares"],
+    "with gravity": [str(ROOT / "scripts" / "dev"), "ground_peers", "with-gravity"],
     "Gaussian process": [str(ROOT / "scripts" / "dev"), "ground_peers", "gaussian-process"],
     "pybotics": [str(ROOT / "scripts" / "dev"), "ground_peers", "pybotics"],
 }

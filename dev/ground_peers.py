@@ -1,9 +1,9 @@
 """Other programs in the proving ground: least squares, a Gaussian process, pybotics; nothing of rig is imported.
 
 Each reads a directory of tasks as docs/proving-ground.md describes it and writes its answers. Least squares (scipy)
-fits a, alpha, d and zero of each axis, and frame and target of each placement. The Gaussian process (scikit-learn)
-predicts what these leave, from sines and cosines of the joints. pybotics fits the same constants by its own
-`optimize_accuracy`.
+fits a, alpha, d and zero of each axis, and frame and target of each placement; with gravity a compliance of each axis
+as well. The Gaussian process (scikit-learn) predicts what constants leave, from sines and cosines of the joints.
+pybotics fits the same constants by its own `optimize_accuracy`.
 """
 
 from __future__ import annotations
@@ -58,22 +58,31 @@ class Answer:
 
 @dataclass(frozen=True)
 class Fitted:
-    """An arm and the frame of each placement, with the covariance of both in one vector, and what is left."""
+    """An arm, the compliance of each axis (mrad/kNm) where `gravity`, and the frame of each placement, in one vector
+    with its covariance, and what is left."""
 
     arm: PlainArm
+    gravity: bool
     placements: tuple[str, ...]
     values: Array
     covariance: Array
     variance: float
 
+    @property
+    def of_arm(self) -> int:
+        """How many values are the arm's."""
+        return (5 if self.gravity else 4) * self.arm.axes
+
     def places(self, poses: Poses, values: Array | None = None) -> Array:
         """Return the places (m, 3) mm of poses of the placements that were fitted."""
         values = self.values if values is None else values
-        count = 4 * self.arm.axes
-        arm, found = self.arm.changed(values[:count]), np.zeros((len(poses.q), 3))
+        constants, count = 4 * self.arm.axes, self.of_arm
+        arm, found, q = self.arm.changed(values[:constants]), np.zeros((len(poses.q), 3)), poses.q
+        if self.gravity:
+            q = q + self.arm.torques(q) * values[constants:count] / 1e6
         for k, placement in enumerate(self.placements):
             there = poses.placement == placement
-            found[there] = Frame(values[count + 9 * k : count + 9 * k + 9]).places(arm, poses.q[there])
+            found[there] = Frame(values[count + 9 * k : count + 9 * k + 9]).places(arm, q[there])
         return found
 
     def u(self, poses: Poses) -> Array:
@@ -86,7 +95,7 @@ class Fitted:
         """Return the rotation (m, 3, 3) from the base to the instrument of each pose."""
         found = np.tile(np.eye(3), (len(poses.q), 1, 1))
         for k, placement in enumerate(self.placements):
-            turn = self.values[4 * self.arm.axes + 9 * k :][:3] / 1e3
+            turn = self.values[self.of_arm + 9 * k :][:3] / 1e3
             found[poses.placement == placement] = Rotation.from_rotvec(turn).as_matrix()
         return found
 
@@ -97,22 +106,28 @@ def jacobian(function: Callable[[Array], Array], at: Array) -> Array:
     return np.stack([(function(at + step) - function(at - step)) / (2 * STEP) for step in steps], axis=1)
 
 
-def fitted(arm: PlainArm, given: Poses) -> Fitted:
-    """Fit the constants of an arm and the frame of each placement by least squares, all readings alike."""
+def fitted(arm: PlainArm, given: Poses, *, gravity: bool = False) -> Fitted:
+    """Fit the constants of an arm, with or without compliance, and the frame of each placement by least squares."""
     placements = tuple(np.unique(given.placement))
     frames = [framed(arm, given.of(given.placement == placement)).values for placement in placements]
-    start = np.concatenate([np.zeros(4 * arm.axes), *frames])
-    empty = Fitted(arm, placements, start, np.zeros((0, 0)), 0.0)
+    start = np.concatenate([np.zeros((5 if gravity else 4) * arm.axes), *frames])
+    empty = Fitted(arm, gravity, placements, start, np.zeros((0, 0)), 0.0)
     found = least_squares(lambda x: (empty.places(given, x) - given.xyz_mm).ravel(), start, method="trf")
     freedom = max(1, found.fun.size - np.linalg.matrix_rank(found.jac))
     variance = float(found.fun @ found.fun) / freedom
     covariance = variance * np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12)
-    return Fitted(arm, placements, found.x, covariance, variance)
+    return Fitted(arm, gravity, placements, found.x, covariance, variance)
 
 
 def by_least_squares(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
     """Answer by the constants alone."""
     found = fitted(arm, given)
+    return Answer(found.places(asked), found.u(asked))
+
+
+def by_constants_and_gravity(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
+    """Answer by the constants and a compliance of each axis under the torque of the links."""
+    found = fitted(arm, given, gravity=True)
     return Answer(found.places(asked), found.u(asked))
 
 
@@ -169,6 +184,7 @@ def by_pybotics(arm: PlainArm, given: Poses, asked: Poses) -> Answer:
 
 ENTRIES: dict[str, Callable[[PlainArm, Poses, Poses], Answer]] = {
     "least-squares": by_least_squares,
+    "with-gravity": by_constants_and_gravity,
     "gaussian-process": by_gaussian_process,
     "pybotics": by_pybotics,
 }

@@ -44,13 +44,27 @@ class PlainArm:
 
     def flange(self, q: Array) -> tuple[Array, Array]:
         """Return the rotation (m, 3, 3) and place (m, 3) mm of the flange at joint angles q (m, n) rad."""
-        R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
+        return self.frames(q)[-1]
+
+    def frames(self, q: Array) -> list[tuple[Array, Array]]:
+        """Return rotation (m, 3, 3) and place (m, 3) mm of the frame of each axis at joint angles q (m, n) rad."""
+        R, p, found = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3)), []
         for k in range(self.axes):
             p = p + self.a[k] * R[:, :, 0]
             R = R @ Rotation.from_rotvec([self.alpha[k], 0, 0]).as_matrix()
             R = R @ Rotation.from_rotvec((q[:, k, None] + self.offset[k]) * [0, 0, 1]).as_matrix()
             p = p + self.d[k] * R[:, :, 2]
-        return R, p
+            found.append((R, p))
+        return found
+
+    def torques(self, q: Array) -> Array:
+        """Return the torque (m, n) Nm of gravity about each axis of an upright arm at joint angles q (m, n) rad."""
+        frames, found = self.frames(q), np.zeros(q.shape)
+        centres = [p + R @ centre for (R, p), centre in zip(frames, self.centre, strict=True)]
+        for k, (R, p) in enumerate(frames):
+            pull = sum((self.mass[i] * (centres[i] - p) for i in range(k, self.axes)), np.zeros_like(p))
+            found[:, k] = (R[:, :, 2] * np.cross(pull, [0.0, 0.0, -9.80665e-3])).sum(axis=1)
+        return found
 
 
 COLUMNS = (
