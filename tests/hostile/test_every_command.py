@@ -223,6 +223,7 @@ def cases() -> dict[str, Case]:
             ["lap", "--test", EVIL],
         ],
         "record stop": lambda cell, own: [[]],
+        "record touch": lambda cell, own: [["touches", "-o", own / "t"], [EVIL, "-o", own / "t", "--rig", EVIL]],
         "relabel": lambda cell, own: [
             [shutil.copytree(first(cell), own / EVIL.replace("/", "|")), "--operator", "ada"],
             [first(cell), "--operator", EVIL],
@@ -248,6 +249,12 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml", "--test", "radial", "-o", own / "s", "--effects", EVIL],
         ],
         "status": lambda cell, own: [[], ["--json"], ["--rig", EVIL]],
+        "window": lambda cell, own: [
+            [cell / "no rig"],
+            [cell / "rig.yaml", "--listen", EVIL],
+            [cell / "rig.yaml", "--token", cell / "rig.yaml"],
+            [cell / "rig.yaml", "--listen", "192.0.2.1", "--token", own / EVIL],
+        ],
     }
 
 
