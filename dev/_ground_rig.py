@@ -84,6 +84,8 @@ def rig_of(arm: PlainArm) -> dict[str, Any]:
     """Return a rig file with the arm of a task."""
     path = Path(load.__code__.co_filename).parent / f"{TEMPLATE}.yaml"
     data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for own in ("gauges", "feedback", "tests"):  # of an arm with six axes
+        data.pop(own, None)
     angles = np.degrees([arm.alpha, arm.offset])
     data["robot"] |= {
         "axes": [
