@@ -17,7 +17,8 @@ from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
-from rigs.schema.robot import FEWEST_AXES, MOST_AXES, Robot
+from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""

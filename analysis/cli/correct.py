@@ -12,8 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from analysis.cli.several import end_with, worst
-from rigs.schema.robot import FEWEST_AXES
-from rigs.schema.vocabulary import Maker, maker_of
+from rigs.schema.vocabulary import FEWEST_AXES, Maker, maker_of
 
 _FoundRig = Annotated[
     str,

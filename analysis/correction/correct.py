@@ -23,8 +23,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.robot import FEWEST_AXES
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import FEWEST_AXES, Maker
 
 
 @dataclass(frozen=True)

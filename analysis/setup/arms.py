@@ -12,7 +12,8 @@ from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
-from rigs.schema.robot import FEWEST_AXES, Robot
+from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import FEWEST_AXES
 from rigs.yaml_text import read_yaml
 
 _MAX_BYTES = 1_000_000

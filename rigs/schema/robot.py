@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigs.schema.part import Angle, Length, Part, Vector
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 
 class Pose(Part):
@@ -44,7 +45,6 @@ class JointAxis(Part):
         return self
 
 
-FEWEST_AXES, MOST_AXES = 6, 7
 Share = Annotated[float, Field(ge=-1e3, le=1e3)]
 Row = tuple[Share, ...]
 Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]

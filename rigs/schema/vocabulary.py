@@ -13,6 +13,8 @@ WITHOUT_GAUGES: tuple[Literal["pose", "touch"], ...] = ("pose", "touch")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
+FEWEST_AXES, MOST_AXES = 6, 7
+"""The numbers of axes that an arm may have."""
 
 
 def direction_of(word: str) -> Direction | None:

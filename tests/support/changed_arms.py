@@ -35,6 +35,6 @@ def changed(name: str, seed: int = 0) -> Rig:
 
 
 def within_limits(rig: Rig, n: int = 20) -> np.ndarray:
-    """Random joint angles (n, 6) rad within the limits."""
+    """Random joint angles (n, axes) rad within the limits."""
     low, high = np.radians([axis.limits_deg for axis in rig.robot.axes]).T
-    return np.random.default_rng(5).uniform(low, high, (n, 6))
+    return np.random.default_rng(5).uniform(low, high, (n, len(low)))
