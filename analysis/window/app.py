@@ -8,6 +8,7 @@ import mimetypes
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
+from analysis.history.history import label_of
+from analysis.measures.quantity import Quantity
 from analysis.reporting.html_page import environment
 from analysis.reporting.texts import LANGUAGES, Language
 from analysis.reporting.texts import texts_of as report_texts
@@ -111,6 +114,7 @@ class _Pages:
     def __init__(self, window: Window) -> None:
         self._window = window
         self._templates = environment()
+        self._templates.filters["written"] = _written
         self._templates.filters["address"] = lambda name: quote(name, safe="")
         self._asset = metadata.version("rig")
         self._wrong_token = asyncio.Lock()
@@ -293,7 +297,7 @@ class _Pages:
             lang=language,
             languages=NAMES,
             here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
-            label=report_texts(language).label,
+            label=partial(_label, language),
             control=window.controls is not None,
             secret=window.gate.secret if window.controls is not None else "",
             asset=self._asset,
@@ -349,6 +353,17 @@ class _Pages:
 
     def _wait(self, request: Request) -> Response:
         return self._page(request, "wait.html", 202)
+
+
+def _label(language: Language, name: str) -> str:
+    """What a figure is called in a language, and in English where it is that of an axis."""
+    own = report_texts(language).label(name)
+    return label_of(name) if own == name else own
+
+
+def _written(value: Quantity) -> str:
+    """A figure with its uncertainty; without one where it has none, as what a program only states."""
+    return str(value) if value.u > 0 else f"{value.rounded(value.value)} {value.sign}".rstrip()
 
 
 def _say_why(watching: asyncio.Task[None]) -> None:

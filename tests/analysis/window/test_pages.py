@@ -97,6 +97,7 @@ def test_a_run_has_curves_figures_and_tables_and_is_not_marked_as_exported(one: 
     picture = page.text.split('<img src="')[1].split('"')[0]
     assert one.ask(picture).headers["content-type"] == "image/png"
     assert "error band" in page.text and "sine amplitude" in page.text
+    assert "play of axis 1" in page.text and "play_j" not in page.text and "± 0.0000 " not in page.text
     tables = {}
     for kind in ("csv", "parquet", "xlsx"):
         answer = one.until(f"/runs/good/table.{kind}", lambda answer: answer.status != 202)
