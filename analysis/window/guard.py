@@ -115,6 +115,8 @@ class Gate:
         is_own = urlsplit(origin).netloc == host if origin else site in ("same-origin", "none")
         if scope["method"] not in ("GET", "HEAD", "POST"):
             return 405, "Only GET and POST are answered."
+        if scope["method"] == "POST" and not origin and "sec-fetch-site" not in headers:
+            return 403, "A form must come from a page of this window."
         if not is_own or site == "cross-site" or (scope["method"] == "POST" and not origin):
             return 403, "Another site has asked for this; type the address of the window instead."
         if int(headers.get("content-length", "0") or 0) > MOST_BODY:

@@ -245,8 +245,10 @@ function listen() {
   for (const kind of Object.keys(SHOW)) {
     source.addEventListener(kind, (event) => {
       known[kind] = JSON.parse(event.data);
+      const isFirst = heardAt === 0;
       heardAt = performance.now();
       SHOW[kind](known[kind]);
+      if (isFirst) say();
       if ((kind === "acw" || kind === "cw") && known.circle && byId("live")) showCircle();
     });
   }
@@ -281,6 +283,10 @@ function control(form) {
 
 if (root) {
   listen();
+  say();
   setInterval(say, 500);
   document.querySelectorAll("[data-control]").forEach(control);
 }
+
+// The button is for a browser without scripts.
+byId("language")?.addEventListener("change", (event) => event.target.form.submit());
