@@ -207,7 +207,8 @@ def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go
             chromium.until(f"{TEXT.format('acw-band')} !== '–'")
             chromium.value("document.querySelector('form[action=\"/control/stop\"]').requestSubmit()")
             chromium.until(f"{TEXT.format('recording')}.includes('not recording')", 20.0)
-            chromium.until("!document.querySelector('form[action=\"/control/stop\"] button').disabled", 20.0)  # answered
+            answered = "!document.querySelector('form[action=\"/control/stop\"] button').disabled"
+            chromium.until(answered, 20.0)
             assert [path.name.split("_")[1] for path in (tmp_path / "runs").iterdir() if path.is_dir()] == ["lap"]
             band = chromium.value(TEXT.format("acw-band"))
             bench.signalled(signal.SIGKILL)
