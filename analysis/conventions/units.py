@@ -20,6 +20,8 @@ from rigs.rig import Rig
 
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
+_MOST_RAD = 4 * np.pi + 0.1
+"""No joint of an arm that is known turns by more than two turns each way."""
 _CLEARLY = 3.0
 """One way to read the joints is right and the other wrong where it is off the path by this factor more."""
 _UNLIKELY = 0.1
@@ -30,6 +32,11 @@ _ROWS = 20_000
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the units of a table, surest first."""
+    if len(table.q) and (most := float(np.abs(table.q).max())) > _MOST_RAD:
+        columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
+        what = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
+        yield Finding(UNITS, "impossible", columns, "degrees", what, "read them as degrees")
+        return
     if isinstance(table, TouchTable):  # which has no unit beside that of its angles
         return
     table = _some(table)

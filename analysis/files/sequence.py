@@ -39,6 +39,8 @@ def check_sequence(
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in known and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
+    if "socket" in known:
+        yield from _sockets(columns["socket"], lines, rig)
     if "direction" in known:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
@@ -51,6 +53,13 @@ def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
     for k in np.flatnonzero(np.diff(t_s[there]) <= 0):
         what = f"time does not increase: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}"
         yield TableProblem(int(lines[there[k + 1]]), "t_s", what)
+
+
+def _sockets(sockets: pa.ChunkedArray, lines: np.ndarray, rig: Rig) -> Iterator[TableProblem]:
+    known = rig.tests.touch.sockets if rig.tests.touch else ()
+    for line, name in zip(lines.tolist(), sockets.to_pylist(), strict=True):
+        if known and name not in known:
+            yield TableProblem(int(line), "socket", f"{name!r} is no socket of the rig file: {', '.join(known)}")
 
 
 def _targets(target: Array, lines: np.ndarray, count: int) -> Iterator[TableProblem]:
