@@ -106,7 +106,7 @@ kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: 
              target on the flange, which no file tells. Answer NAME.csv: pose, x_mm, y_mm, z_mm, u_mm; u_mm is the
              standard uncertainty of the distance between your place and the instrument's, of three coordinates
              together.
-kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction, use), a table a run.
+kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction), a table a run.
              Answer NAME.csv: part, axis, size, u; a row for each part that is wrong, the surest first, none for a sound
              arm. Parts and units are those of parts.csv.
 """
