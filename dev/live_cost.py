@@ -11,7 +11,7 @@ import tempfile
 import termios
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, cast
@@ -100,24 +100,36 @@ def recorded(folder: Path, name: str, size: tuple[int, int] | None, seconds: flo
             return late_ms(folder / client.ask("record_stop")["run"])
 
 
+@contextmanager
+def driving() -> Iterator[tuple[Path, Callable[[], None]]]:
+    """An emulated UR10e with its daemon, all of whose streams bring samples: their directory, and what has the robot
+    drive a circle."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        emulate = ["rig", "emulate", "ur10e", "--effects", "ur10e", "-o", "cell"]
+        cell = stack.enter_context(program(emulate, folder, "ready", "stdout"))
+        stack.enter_context(program(["rigd", "cell/rig.yaml", "--runs", "runs"], folder, "serving", "stderr"))
+        with Client(folder / "rigd" / "ur10e.sock") as client:
+            while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
+                time.sleep(0.05)
+
+        def drive() -> None:
+            assert cell.stdin is not None
+            cell.stdin.write("acw\n")
+            cell.stdin.flush()
+
+        yield folder, drive
+
+
 def main(
     seconds: Annotated[float, typer.Argument(help="Length of each recording.")] = 12.0,
     turns: Annotated[int, typer.Option(help="Recordings with each view.")] = 4,
 ) -> None:
     """Print p50 and p99 of the lateness for each view."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in VIEWS}
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        emulate = ["rig", "emulate", "ur10e", "--effects", "ur10e", "-o", "cell"]
-        cell = stack.enter_context(program(emulate, folder, "ready", "stdout"))
-        stack.enter_context(program(["rigd", "cell/rig.yaml", "--runs", "runs"], folder, "serving", "stderr"))
-        assert cell.stdin is not None
-        with Client(folder / "rigd" / "ur10e.sock") as client:
-            while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
-                time.sleep(0.05)
+    with driving() as (folder, drive):
         for turn in range(turns):
-            cell.stdin.write("acw\n")
-            cell.stdin.flush()
+            drive()
             for name, size in VIEWS.items():
                 late = recorded(folder, f"t{turn}-{name.replace(' ', '')}", size, seconds)
                 found[name].append((float(np.percentile(late, 50)), float(np.percentile(late, 99))))

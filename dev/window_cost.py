@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import os
 import socket
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from live_cost import late_ms, program
+from live_cost import driving, late_ms, program
 
 from daq.service.client import Client
 
@@ -78,18 +77,9 @@ def main(
     """Print p50 and p99 of the lateness, the window's share of a core, and what each browser gets."""
     cases = {"none": None, "window, nobody": 0, f"window, {browsers} browsers": browsers}
     found: dict[str, list[tuple[float, ...]]] = {name: [] for name in cases}
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        emulate = ["rig", "emulate", "ur10e", "--effects", "ur10e", "-o", "cell"]
-        cell = stack.enter_context(program(emulate, folder, "ready", "stdout"))
-        stack.enter_context(program(["rigd", "cell/rig.yaml", "--runs", "runs"], folder, "serving", "stderr"))
-        assert cell.stdin is not None
-        with Client(folder / "rigd" / "ur10e.sock") as client:
-            while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
-                time.sleep(0.05)
+    with driving() as (folder, drive):
         for turn in range(turns):
-            cell.stdin.write("acw\n")
-            cell.stdin.flush()
+            drive()
             for number, (name, count) in enumerate(cases.items()):
                 with _window(folder, count) as watching:
                     found[name].append(_recorded(folder, f"t{turn}-{number}", seconds, watching, count or 0))

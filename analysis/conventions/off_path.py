@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.geometry.circle import frame_of
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.geometry.sockets import left_in_sockets
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.rig import Rig
@@ -16,6 +18,9 @@ from rigs.schema.declared_tests import Circle, Hemisphere
 _ON_PATH = 0.03
 _ON_TRACK = 0.3
 """The rig file may know nothing of the tracker's target, so that its places fit roughly only."""
+_IN_SOCKET = 0.1
+"""Arms as they were built leave up to 0.04 of how far the tool moves (the Pandas of MUKCa); joints in another unit 0.3
+and more, since no ball stays anywhere."""
 _UPRIGHT = 0.3
 """Radians by which the tool may be turned from what the test prescribes; a joint read wrongly turns it by more."""
 
@@ -35,7 +40,7 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
     circle, hemisphere = rig.tests.circle, rig.tests.hemisphere
     match table:
         case TouchTable():
-            return None
+            return _off_sockets(T, table.socket)
         case PoseTable():
             return _off_track(T[:, :3, 3], table.xyz_mm)
         case CircleTable():
@@ -51,6 +56,15 @@ def _off_track(places: Array, seen: Array) -> Off | None:
         return None
     off_mm = float(np.median(np.abs(steps(places, rows) - steps(seen, rows))))
     return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
+
+
+def _off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
+    """How far the ball is from its sockets, wherever these and the ball on the tool are."""
+    size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
+    if size <= 0:
+        return None
+    off_mm = float(np.median(np.linalg.norm(left_in_sockets(T, socket), axis=1)))
+    return Off(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
 
 
 def _off_circle(T: Array, circle: Circle) -> Off:

@@ -11,6 +11,10 @@ from analysis.conventions.off_path import far_rows, steps
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
 
+_OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
+"""Units of trackers beside those of gauges: what a length in mm reads in them."""
+_TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
+"""What a length in mm reads that was taken for one in another unit, as by a map; in m it reads as one in µm."""
 _ABOUT = 0.3
 """The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
 _SAME_TURN_RAD = 0.01
@@ -23,10 +27,14 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
     rows = far_rows(table.xyz_mm)
     here, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
-    for unit, factor in {**FACTORS, "m": 1e-3}.items():
+    for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
         if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
             what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / here:.3g} times as far as the robot"
             yield what, "convert them to mm"
+    for unit, factor in _TAKEN_FOR.items():
+        if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / here:.3g} times as far as the robot"
+            yield what, "read them as mm"
     if table.rpy is not None:
         yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
 

@@ -15,7 +15,7 @@ from analysis.conventions.gauge_units import circle_gauges, too_far
 from analysis.conventions.off_path import off_path
 from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.rig import Rig
 
 UNITS = "units"
@@ -36,8 +36,6 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         what = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
         yield Finding(UNITS, "impossible", columns, "degrees", what, "read them as degrees")
-        return
-    if isinstance(table, TouchTable):  # which has no unit beside that of its angles
         return
     table = _some(table)
     arm = arm_of(rig.robot)

@@ -12,9 +12,9 @@ from analysis.files.columns import Columns
 from analysis.files.table_problems import TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
-from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U
+from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import MOST_AXES, Direction, TestName
 
 _SPEED_FACTOR = 2.0
 """A joint that moves faster than this many times its rated speed …"""
@@ -40,6 +40,9 @@ def check_sequence(
     if "target" in known and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
     if "socket" in known:
+        axes, seventh = len(rig.robot.axes), joint_columns(MOST_AXES)[-1]
+        if axes < MOST_AXES and seventh in columns:
+            yield TableProblem(1, seventh, f"the table has {MOST_AXES} joints, and the arm of the rig file {axes}")
         yield from _sockets(columns["socket"], lines, rig)
     if "direction" in known:
         yield from _one_direction(columns["direction"], lines, direction)

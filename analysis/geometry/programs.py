@@ -19,7 +19,7 @@ from analysis.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import FEWEST_AXES, Direction
 
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of a controller on a calibration circle, a gentle one."""
@@ -35,6 +35,9 @@ _SHORTEST_MOVE_S = 0.6
 
 def circle_of(rig: Rig) -> Circle:
     """The circle of a rig. Raises FileError for a rig without one."""
+    if len(rig.robot.axes) > FEWEST_AXES:
+        what = f"is an arm of {len(rig.robot.axes)} axes, and circles and their programs are of {FEWEST_AXES}"
+        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
     if rig.tests.circle is None:
         raise FileError(RigPlace.of(rig.name), "the rig file has no tests.circle", "add it: centre, posture, radius")
     return rig.tests.circle

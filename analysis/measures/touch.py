@@ -17,6 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
+from analysis.geometry.sockets import socket_design
 from analysis.kinematics.arm import Array, Integers, forward
 from analysis.measures.checks import hold_numbers
 from analysis.measures.lap_curve import SEED
@@ -67,7 +68,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     _hold(table, where)
     T = forward(model.arm, table.q) if not model.effects else moved(model, path := path_of(model, table)).T[path.rows]
     names, socket = np.unique(table.socket, return_inverse=True)
-    design = _design(T, socket.ravel(), len(names))
+    design = socket_design(T, socket.ravel(), len(names))
     seen = -T[:, :3, 3].ravel()
     solved = np.linalg.pinv(design)
     terms = solved @ seen
@@ -100,15 +101,6 @@ def _hold(table: TouchTable, where: str) -> None:
     if (most := np.abs(table.q).max()) > 4 * np.pi:
         angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")
-
-
-def _design(T: Array, socket: Integers, sockets: int) -> Array:
-    """Slopes (3 n, 3 + 3 s) of the ball's place from its socket by its place on the tool and by the sockets' places."""
-    design = np.zeros((len(T), 3, 3 + 3 * sockets))
-    design[:, :, :3] = T[:, :3, :3]
-    for axis in range(3):
-        design[np.arange(len(T)), axis, 3 + 3 * socket + axis] = -1.0
-    return design.reshape(3 * len(T), -1)
 
 
 def _plain(left: Array, socket: Integers, sockets: int) -> dict[str, Array]:

@@ -19,7 +19,7 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.table_layout import joint_columns
 from daq import clock
 from daq.store import table_run, write_table_run
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, RigError
 from rigs.load import parse
 from rigs.rig import Rig
 
@@ -63,11 +63,21 @@ def record_touches(
     arm = arm_of(rig.robot)
     arm = replace(arm, T_flange_tool=arm.T_flange_tool @ ball)
     guide = Touching(arm, touch.sockets, touches or touch.touches)
-    with suppress(KeyboardInterrupt):
-        _follow(daemon, rig, guide, say)
+    try:
+        with suppress(KeyboardInterrupt):
+            _follow(daemon, rig, guide, say)
+    except RigError:
+        if guide.count >= _FEWEST:  # the robot fell silent: what was touched before is kept
+            say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches are kept")
+        raise
     if guide.count < _FEWEST:
         what = f"{guide.count} touches were made, and at least {_FEWEST} are needed"
         raise FileError(str(output), what, "touch each socket in many postures")
+    return _written(guide, name, output, rig, text, operator, placement)
+
+
+def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, operator: str, placement: str) -> Path:
+    """Write the touches as a run."""
     table = columns_of(guide.table)
     digest = hashlib.sha256(repr(table.to_pydict()).encode()).hexdigest()
     run = table_run(

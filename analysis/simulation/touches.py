@@ -70,8 +70,11 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     touch, q, places, names = touch_of(rig), [], [], []
     arm = _with_ball(arm_of(rig.robot), touch)
     count = -(-touch.touches // len(touch.sockets))
+    where: dict[str, Array] = {}
     for socket in touch.sockets:
-        place, postures = _somewhere(arm, count, rng, rig.name)
+        known = _known_to(socket, where, touch)
+        place, postures = _somewhere(arm, count, rng, rig.name, known)
+        where[socket] = place
         q.append(postures)
         places += [place] * count
         names += [socket] * count
@@ -80,17 +83,39 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     return TouchTable(np.array(names), order, order + swing), np.array(places)
 
 
-def _somewhere(arm: Arm, count: int, rng: np.random.Generator, where: str) -> tuple[Array, Array]:
-    """A place (3,) mm for a socket, and postures (count, axes) rad in which the ball is there."""
+def _known_to(socket: str, where: dict[str, Array], touch: Touch) -> list[tuple[Array, float]]:
+    """The sockets that have a place (3,) mm and a distance in mm from this one that is known."""
+    pairs = {frozenset(one.between): one.distance_mm for one in touch.distances}
+    return [(place, pairs[pair]) for other, place in where.items() if (pair := frozenset((socket, other))) in pairs]
+
+
+def _at_distances(at: Array, known: Sequence[tuple[Array, float]]) -> Array:
+    """Places (n, 3) mm moved to where they have the distances that are known, those that can."""
+    for _ in range(_STEPS if known else 0):
+        away = at[:, None] - np.array([place for place, _ in known])
+        apart = np.linalg.norm(away, axis=2)
+        off = np.array([distance for _, distance in known]) - apart
+        at = at + np.einsum("nij,nj->ni", np.linalg.pinv(away / apart[..., None]), off)
+    left = [np.abs(np.linalg.norm(at - place, axis=1) - distance) for place, distance in known]
+    return at[np.max(left, axis=0) < _THERE_MM] if known else at
+
+
+def _somewhere(
+    arm: Arm, count: int, rng: np.random.Generator, where: str, known: Sequence[tuple[Array, float]]
+) -> tuple[Array, Array]:
+    """A place (3,) mm for a socket with these distances from others, and postures (count, axes) rad in which the ball
+    is there."""
     low, high = arm.limits.T
-    at = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
-    from_base = at - arm.T_world_base[:3, 3]
-    share = np.linalg.norm(from_base, axis=1) / np.linalg.norm(from_base, axis=1).max()
-    for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (from_base[:, 2] > 0)]:
+    free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
+    base = arm.T_world_base[:3, 3]
+    at = _at_distances(free, known)
+    share = np.linalg.norm(at - base, axis=1) / np.linalg.norm(free - base, axis=1).max()
+    for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (at[:, 2] > base[2])]:
         postures = _postures_at(arm, place, count, rng)
         if len(postures) == count:
             return place, postures
-    raise FileError(f"rig {where}", "the arm has no place for a socket with enough postures", "check limits_deg")
+    remedy = "check tests.touch.distances, and limits_deg" if known else "check limits_deg"
+    raise FileError(f"rig {where}", "the arm has no place for a socket with enough postures", remedy)
 
 
 def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:

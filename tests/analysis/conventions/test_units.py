@@ -199,11 +199,18 @@ REPEATS = [(1, 1), (2, 1), (3, 1), (4, 1), (5, 1), (6, 1), (1, 5), (2, 5)]
 
 
 @pytest.mark.parametrize(("passes", "at_once"), REPEATS)
-@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inches")])
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (0.1, "cm"), (1 / 25.4, "inches")])
 def test_tracker_places_in_another_unit(factor: float, unit: str, passes: int, at_once: int) -> None:
     rows = changed("pose", dict.fromkeys(("x_mm", "y_mm", "z_mm"), factor))
     with pytest.raises(FileError, match=f"x_mm, y_mm, z_mm are in {unit}"):
         check(repeated(rows, passes, at_once), "pose")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(10, "cm"), (25.4, "inches")])
+def test_tracker_places_that_were_taken_for_another_unit(factor: float, unit: str) -> None:
+    rows = changed("pose", dict.fromkeys(("x_mm", "y_mm", "z_mm"), factor))
+    with pytest.raises(FileError, match=f"x_mm, y_mm, z_mm were not in {unit}"):
+        check(rows, "pose")
 
 
 @pytest.mark.parametrize(("passes", "at_once"), REPEATS)

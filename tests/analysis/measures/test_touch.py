@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
+from analysis.conventions.units import unit_findings
 from analysis.files.read import parse_csv
+from analysis.files.sequence import check_sequence
 from analysis.kinematics.arm import forward
 from analysis.measures.touch import evaluate
 from analysis.model.predict import model_of
@@ -66,12 +69,11 @@ def test_the_distance_of_sockets_holds_the_truth_and_grows_with_what_the_arm_err
 
 
 def test_a_distance_that_is_known_otherwise_is_said() -> None:
-    rig = rig_with(distance_mm=1.0)
-    found = evaluate(planned_touches(rig), model_of(rig))
+    touched = planned_touches(rig_with(distance_mm=50.0))
+    found = evaluate(touched, model_of(rig_with(distance_mm=51.0)))
     assert found.distances[0].known is not None
-    assert any(
-        "sockets A and B are 1.0000 ± 0.050 mm apart" in note or "apart, and by the arm" in note for note in found.notes
-    )
+    assert any("sockets A and B are 51.000 ± 0.050 mm apart, and by the arm 50.0" in note for note in found.notes)
+    assert not any("apart" in note for note in evaluate(touched, model_of(rig_with(distance_mm=50.0))).notes)
 
 
 @pytest.mark.parametrize(
@@ -114,3 +116,33 @@ def test_bad_tables_of_touches_name_what_is_wrong(header: str, row: str, what: s
     with pytest.raises(FileError) as caught:
         parse_csv(f"{header}\n{row}\n".encode(), "t.csv", "touch", rig_with())
     assert what in "\n".join(caught.value.lines())
+
+
+def test_simulated_sockets_have_the_distances_that_are_known() -> None:
+    known = (
+        "[{between: [A, B], distance_mm: 50}, {between: [A, C], distance_mm: 80}, {between: [B, C], distance_mm: 60}]"
+    )
+    text = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B, C], distances: {known}}}}}\n"
+    rig = parse(text, "cell.yaml")
+    found = evaluate(planned_touches(rig), model_of(rig))
+    assert [one.distance.value for one in found.distances] == pytest.approx([50, 80, 60], abs=1e-3)
+    apart = rig_with(9000.0)
+    with pytest.raises(FileError, match="no place for a socket"):
+        planned_touches(apart)
+
+
+def test_touches_in_radians_and_joints_that_the_arm_has_not_are_refused() -> None:
+    rig = rig_with(50.0)
+    table = simulated_touches(rig, 3)
+    assert not list(unit_findings(table, rig))
+    (finding,) = unit_findings(TouchTable(table.socket, np.radians(table.q)), rig)
+    assert finding.strength == "impossible" and "q1_deg … q7_deg are radians" in finding.what
+    six = parse(f"name: cell\n{load_arm('ur5').text}{TOUCH.replace('DISTANCE', '')}\n", "cell.yaml")
+    columns = columns_of(table)
+    lines = np.arange(2, 2 + columns.num_rows)
+    named = dict(zip(columns.column_names, columns.columns, strict=True))
+    (problem,) = check_sequence(named, lines, "touch", six, None)
+    assert "the table has 7 joints, and the arm of the rig file 6" in str(problem)
+    renamed = named | {"socket": pa.chunked_array([["Z", *columns["socket"].to_pylist()[1:]]])}
+    (problem,) = check_sequence(renamed, lines, "touch", rig, None)
+    assert "'Z' is no socket of the rig file: A, B" in str(problem)

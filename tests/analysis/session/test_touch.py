@@ -13,7 +13,7 @@ from analysis.measures.results import result_of
 from analysis.session.touch import TONE, record_touches
 from analysis.simulation.touches import planned_touches
 from rigs.arms import load_arm
-from rigs.errors import FileError
+from rigs.errors import CellError, FileError
 from rigs.load import parse
 from tests.analysis.setting_up.test_touching import EVERY_S, guided
 
@@ -23,7 +23,9 @@ TEXT = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B], to
 class Served:
     """A daemon whose robot was guided, with all its samples at hand."""
 
-    def __init__(self, touches: int = 12) -> None:
+    def __init__(self, touches: int = 12, end: BaseException | None = None) -> None:
+        """end: what comes after the last sample, the person's Ctrl-C where none is given."""
+        self._end = end or KeyboardInterrupt()
         planned = planned_touches(parse(TEXT, "cell.yaml"))
         assert planned.came_from is not None
         self.planned = planned
@@ -37,7 +39,7 @@ class Served:
         if "rig" in fields:
             return {"rig_lines": TEXT.splitlines(), "streams": {}}
         if fields["after"]:
-            raise KeyboardInterrupt  # the person ends
+            raise self._end
         return {"streams": {"robot": self._robot}}
 
 
@@ -58,6 +60,13 @@ def test_the_touches_of_a_person_are_a_run(tmp_path: Path) -> None:
 def test_a_person_who_ends_early_keeps_what_was_touched(tmp_path: Path) -> None:
     run = record_touches(Served(8), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
     assert len(load_run(run).table.q) == 8
+
+
+def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path: Path) -> None:
+    said, silent = list[str](), CellError("robot", "no joint angles for 5 s", "see rig doctor")
+    with pytest.raises(CellError, match="no joint angles"):
+        record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
+    assert said[-1].endswith("8 touches are kept") and len(load_run(tmp_path / "monday").table.q) == 8
 
 
 def test_too_few_touches_are_not_kept(tmp_path: Path) -> None:
