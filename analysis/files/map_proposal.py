@@ -63,8 +63,8 @@ class Reading:
     def _leaves(self) -> str:
         if np.isnan(self.left):
             return ""
-        of = f" of {self.left / self.share:.3g}" if self.share else ""
-        return f": leaves {self.left:.3g}{of} {self.unit}"
+        of = f" of {_plain(self.left / self.share)}" if self.share else ""
+        return f": leaves {_plain(self.left)}{of} {self.unit}"
 
     @property
     def fits(self) -> bool:
@@ -132,6 +132,11 @@ class _Judge:
         apart = float(np.sqrt(((table.xyz_mm - table.xyz_mm.mean(axis=0)) ** 2).sum(axis=1).mean()))
         left = left_mm(table, self.bare, table.q, steps, with_turns=False)
         return Reading(table_map, left, "mm", words, left / apart if apart else np.inf)
+
+
+def _plain(number: float) -> str:
+    """A number with three digits, and no power of ten."""
+    return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:

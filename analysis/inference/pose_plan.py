@@ -84,11 +84,13 @@ class PlannedPoses:
         as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
         lines = [
             f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
-            "(rms, expected of an arm with errors as a real one, frame and tool fitted)",
+            "(expected rms, for an arm with the errors of a real one, frame and tool fitted)",
             f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm; {as_good}",
         ]
         if left_out := self.asked - len(self.q):
-            lines.append(f"{left_out} of {self.asked} have no clear way from another, and are left out")
+            lines.append(
+                f"{left_out} of {self.asked} cannot be reached from another without a collision or a limit, and are left out"
+            )
         return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
