@@ -53,7 +53,7 @@ class TableFile:
 def read_file(
     path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
 ) -> TableFile:
-    """Read a table of docs/geometry.md: a CSV file, or a bag of ROS 2 from which one is made.
+    """Read a table of docs/tables.md: a CSV file, or a bag of ROS 2 from which one is made.
 
     direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
     sets of columns are the robot's; the other is kept under a name that says what it is.

@@ -1,4 +1,4 @@
-"""What each table of docs/geometry.md consists of: its columns, and what stands in them."""
+"""What each table of docs/tables.md consists of: its columns, and what stands in them."""
 
 from __future__ import annotations
 

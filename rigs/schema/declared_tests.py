@@ -1,4 +1,4 @@
-"""The tests that a rig is set up for (docs/geometry.md): circle for yaw and roll, hemisphere, repeatability.
+"""The tests that a rig is set up for (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability.
 
 Bounds keep a slip of the pen from becoming a program of millions of poses.
 """
