@@ -20,7 +20,7 @@ from analysis.measures.checks import hold_alive
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import LAYOUTS, JointSource
-from analysis.traces.tables import CircleTable, PlaceTable, Table
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from daq.store import Run, table_run
 from rigs.errors import FileError
 from rigs.load import load
@@ -162,7 +162,7 @@ def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     try:
         if isinstance(table, CircleTable):
             laps_of(table, rig, where)
-        if not isinstance(table, PlaceTable):
+        if not isinstance(table, PlaceTable | PathTable):
             columns = table.g_mm.reshape(len(table.g_mm), -1).T
             hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})
     except FileError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from analysis.geometry.hemisphere import target_angles
+from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import arm_of
 from analysis.measures import pose, radial, repeatability, roll, touch, yaw
@@ -18,6 +19,7 @@ from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import FEWEST_AXES
 
 Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult
 
@@ -39,7 +41,10 @@ def evaluate(
     Raises FileError where it is not a valid measurement of its test.
     """
     if isinstance(table, PoseTable):
-        return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)
+        iso = rig.tests.iso9283
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == FEWEST_AXES else None
+        arm, instrument = arm_of(rig.robot), iso.instrument if iso else None
+        return pose.evaluate(table, arm, TRACKER_U_MM, where=where, cube=cube, instrument=instrument)
     if isinstance(table, TouchTable):
         return touch.evaluate(table, model_of(rig), where)
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm
