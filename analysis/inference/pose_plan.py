@@ -89,7 +89,8 @@ class PlannedPoses:
         ]
         if left_out := self.asked - len(self.q):
             lines.append(
-                f"{left_out} of {self.asked} have no way from another that is clear and within limits; they are left out"
+                f"{left_out} of {self.asked} have no way from another that is clear and within limits; they are left "
+                "out"
             )
         return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
 

@@ -73,16 +73,14 @@ def evaluate(
     table: PoseTable,
     arm: Arm,
     u_mm: float,
-    u_rad: float | None = None,
     where: str = "the pose table",
     same_rad: float = SAME_RAD,
     cube: Cube | None = None,
     instrument: Instrument | None = None,
 ) -> PoseResult:
     """arm: nominal; its base and tool are replaced by the fitted, but for AP where the instrument's frame is known.
-    cube: whose poses have figures of their own (`analysis.measures.cube`). u_mm, u_rad: standard uncertainty of one coordinate
-    and of one rotation of the instrument, assumed where no pose was visited again; without u_rad the orientation's
-    uncertainty is nan there.
+    u_mm: standard uncertainty of one coordinate of the instrument, assumed where no pose was visited again; the
+    orientation's uncertainty is nan there. cube: whose poses have figures of their own (`analysis.measures.cube`).
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
@@ -122,7 +120,7 @@ def evaluate(
         figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *said]
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
-        of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
+        of_turn = _noise(turn, group, again, np.nan)
         figures |= _rotation_figures(rotation, np.radians(of_turn))
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
@@ -140,7 +138,7 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
     if table.rpy is None:
         return place, None
-    known = PoseSetUp(np.linalg.inv(to_base), np.eye(4), np.empty((0, 9)))
+    known = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
     return place, _turns_left(T, _turns_seen(table.rpy, known), np.eye(3))
 
 

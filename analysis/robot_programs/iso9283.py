@@ -66,10 +66,7 @@ def path_plan(rig: Rig, percent: int) -> Plan:
 
 def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
     """The lines or the two arcs of a path, which the tool drives without a stop between them."""
-    if isinstance(path, Ring):
-        ends = np.array([0.0, 0.5, 1.0]) * path.length_mm
-    else:
-        ends = path.along
+    ends = path.along if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
     moves: list[Move] = []
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):
         s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))

@@ -1,4 +1,4 @@
-"""The poses and paths of ISO 9283 as a tracker would see them: the arm of a rig with its effects, driven by the program.
+"""The poses and paths of ISO 9283 as a tracker would see them, of the arm of a rig with its effects.
 
 The robot stops with a scatter of real ones, the tracker adds its own noise and stands somewhere, unless the rig file
 says where.
@@ -29,7 +29,8 @@ _RATE_HZ = 100.0
 """Places a second; trackers record ten times as many, which says no more of a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
 """That of the programs (analysis/robot_programs/plan.py)."""
-_STEP_MM = 2.0
+_STEPS = 800
+"""Steps along each path, between which joints turn evenly: on the circles that is off by less than 0.01 mm."""
 
 
 def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PoseTable:
@@ -78,7 +79,7 @@ def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
     """The joints (n, 6) rad along a path from rest to rest, and the stand after it."""
-    s = np.linspace(0.0, path.length_mm, 3 + int(path.length_mm / _STEP_MM))
+    s = np.linspace(0.0, path.length_mm, _STEPS)
     s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
     ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))

@@ -62,7 +62,7 @@ def _tenths(number: re.Match[str]) -> str:
 def _chart(chart: Chart) -> Sheet:
     if chart.frame == "polar":
         return _polar(chart)
-    sheet = Sheet(6.9, 2.5)
+    sheet = Sheet(6.9, 4.2 if chart.frame == "plane" else 2.5)
     axes: Axes = sheet.subplots()
     for line in chart.lines:
         _draw(axes, line)
@@ -78,6 +78,8 @@ def _chart(chart: Chart) -> Sheet:
         axes.set_xticks(range(0, 361, 30), [f"{angle}°" for angle in range(0, 361, 30)])
     if chart.ticks:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
+    if chart.frame == "plane":
+        axes.set_aspect("equal")
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
     axes.grid(color=_RULE, lw=0.5)
