@@ -241,7 +241,7 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
     if len(some):
         good[some] = is_clear(arm, q[some]) & (conditioning(arm, q[some]) > _REGULAR)
     shape = len(rows), len(away)
-    return q.reshape(*shape, -1), np.asarray(good.reshape(shape).all(axis=1))
+    return q.reshape(*shape, arm.axes), np.asarray(good.reshape(shape).all(axis=1))
 
 
 def cycle_stops(rig: Rig) -> Array:

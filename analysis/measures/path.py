@@ -108,41 +108,46 @@ def _with_u(figure: Quantity, u_mm: float) -> Quantity:
 
 
 def _corners(rectangle: Driven) -> dict[str, Quantity]:
-    """CR and CO, of at most the first three cycles as the standard has it; u by all cycles."""
+    """CR and CO, of at most the first three cycles as the standard has it; u by all cycles. Between two places a corner
+    is cut by their chord, which passes a right corner within half its length: that much is 2 u at the least."""
     assert isinstance(rectangle.command, Polygon)  # noqa: S101 - what the rectangle is
     each = np.array([[corner_of(one, rectangle.command, k) for k in (1, 2, 3)] for one in rectangle.places])
+    hidden = float(each[:, :, 2].max()) / 4
     rng, few = np.random.default_rng(_SEED), min(_CORNER_CYCLES, len(each))
     figures = {}
     for column, name in enumerate(("corner_round_mm", "corner_overshoot_mm")):
         own = each[:, :, column]
         drawn = own[rng.integers(len(own), size=(_DRAWS, few))].max(axis=(1, 2))
         u = half_width(drawn - drawn.mean()) if len(own) > few else np.nan
+        u = float(np.hypot(u, hidden)) if name == "corner_round_mm" else u
         figures[name] = Quantity(float(own[:few].max()), u, "mm", few)
     return figures
 
 
-def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float]:
-    """CR and CO in mm of one pass, places (n, 3) mm, of a corner of a polygon."""
+def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
+    """CR and CO in mm of one pass, places (n, 3) mm, of a corner of a polygon, and how far the places lie apart where
+    they are nearest to it."""
     corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
     old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
     reach = _NEAR * float(np.linalg.norm(after - corner))
     away = places - corner
     near = np.flatnonzero(np.linalg.norm(away, axis=1) < reach)
     if len(near) < 2:
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     first, last = int(near[0]), int(near[-1]) + 1
     begin, step = away[first : last - 1], np.diff(away[first:last], axis=0)
     share = np.clip(-(begin * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    cut = float(np.linalg.norm(begin + share[:, None] * step, axis=1).min())
+    off = np.linalg.norm(begin + share[:, None] * step, axis=1)
+    cut, apart = float(off.min()), float(np.linalg.norm(step[off.argmin()]))
     along, beyond = away[first:last] @ new, away[first:last] @ old
     aside = away[first:last] @ np.cross(old, new)
     passed = (along >= 0) & (along < reach)
     if not passed.any():
-        return cut, 0.0
+        return cut, 0.0, apart
     span = np.minimum((along[passed] / reach * _SPANS).astype(np.int64), _SPANS - 1)
     count = np.maximum(np.bincount(span, minlength=_SPANS), 1)
     y, x = (np.bincount(span, one[passed], minlength=_SPANS) / count for one in (beyond, aside))
-    return cut, float(np.where(y > 0, np.hypot(x, y), 0.0).max())
+    return cut, float(np.where(y > 0, np.hypot(x, y), 0.0).max()), apart
 
 
 def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:

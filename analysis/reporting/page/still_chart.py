@@ -29,6 +29,8 @@ _FONTS = re.compile(r"font-family: [^;]*sans-serif")
 _MOST_NODES = 360
 """Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
+_WIDEST = 45
+"""Letters of all names that stand in one line below a picture."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -84,7 +86,8 @@ def _chart(chart: Chart) -> Sheet:
     axes.set_ylabel(chart.y_label)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
-    sheet.legend(loc="outside lower center", ncols=len(chart.lines), frameon=False)
+    wide = sum(len(line.name) for line in chart.lines) > _WIDEST
+    sheet.legend(loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
     return sheet
 
 
