@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.cli.console import say
 from rigs.schema.vocabulary import Maker
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis.geometry.iso_cube import Cube
@@ -18,20 +19,17 @@ if TYPE_CHECKING:
 def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwell_s: float) -> None:
     """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.files.write import holding, write_all_new  # noqa: PLC0415
     from analysis.geometry.iso_cube import cube_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of  # noqa: PLC0415
-    from analysis.robot_programs.iso9283 import PERCENTS, cube_plan, cube_table, path_plan  # noqa: PLC0415
-    from analysis.robot_programs.write import encoded_programs, programs_of  # noqa: PLC0415
+    from analysis.robot_programs.iso9283 import PERCENTS, cube_plan, path_plan  # noqa: PLC0415
+    from analysis.robot_programs.write import programs_of, write_programs  # noqa: PLC0415
     from rigs.load import named_by  # noqa: PLC0415
 
     with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):
         cube = cube_of(rig)
         plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
         demands = [demand_of(plan) for plan in plans]
-    files = {"cube.csv": holding(cube_table(rig).encode())}
-    files |= encoded_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))))
-    paths = write_all_new(directory, files)
+    paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
     say(_place(cube), err=True)
     names = [axis.name for axis in rig.robot.axes]
     for plan, demand in zip(plans, demands, strict=True):
@@ -41,12 +39,11 @@ def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwel
     for written in paths:
         say(written)
     say(
-        "next: one row of the tracker at each stop of the cube, and a recording of time and place along the paths:",
+        "next: a place of the tracker at each stop of the cube; time and place all along each program of paths",
         err=True,
     )
-    table = directory / "cube.csv"
-    say(f"  rig import STOPS.csv {table} --join rows --rig {rig_file} --test pose -o runs/cube", err=True)
-    say(f"  rig import PATHS.csv --rig {rig_file} --test path -o runs/path", err=True)
+    say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
+    say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
 
 
 def _place(cube: Cube) -> str:

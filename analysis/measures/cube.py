@@ -8,7 +8,7 @@ by Student's law, and of RD that of a standard deviation. The instrument's own e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
 
 def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[str, Quantity]:
     """AD and RD, from places xyz_mm (n, 3) of rows in order of time, pose (n,) of the cube; none below three cycles."""
-    distances = np.array(list(_distances(pose, xyz_mm)))
+    distances = _distances(pose, xyz_mm)
     n = len(distances)
     if cube is None or n < _FEWEST:
         return {}
@@ -60,14 +60,10 @@ def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[s
     }
 
 
-def _distances(pose: Integers, xyz_mm: Array) -> Iterator[float]:
-    """The distance of each P4 from the P2 that follows it in its cycle."""
-    last = -1
-    for row, number in enumerate(pose):
-        if number == 4:
-            last = row
-        elif number == 2 and last >= 0:
-            yield float(np.linalg.norm(xyz_mm[last] - xyz_mm[row]))
-            last = -1
-        elif number in (1, 5):
-            last = -1
+def _distances(pose: Integers, xyz_mm: Array) -> Array:
+    """The distance (n,) mm of each P4 from the P2 that was measured nearest to it in time, in its own cycle."""
+    second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
+    if not len(second):
+        return np.empty(0)
+    own = second[np.abs(fourth[:, None] - second).argmin(axis=1)]
+    return np.asarray(np.linalg.norm(xyz_mm[fourth] - xyz_mm[own], axis=1))

@@ -30,19 +30,6 @@ def cube_plan(rig: Rig, dwell_s: float) -> Plan:
     return poses_plan(rig, stops, dwell_s, start=start, names=names, speed_rad_s=speed, name="cube")
 
 
-def cube_table(rig: Rig) -> str:
-    """The stops of the cube as CSV, a row each in order: what is joined to a tracker's rows."""
-    test, cube = iso9283_of(rig), cube_of(rig)
-    places, q = cube.places_mm, np.degrees(cube.q)
-    joints = [f"q{axis}_deg" for axis in range(1, q.shape[1] + 1)]
-    lines = [",".join(["cycle", "pose", *joints, "nominal_x_mm", "nominal_y_mm", "nominal_z_mm"])]
-    for cycle in range(1, test.cycles + 1):
-        for number in ORDER:
-            values = [*q[number - 1].tolist(), *places[number - 1].tolist()]
-            lines.append(f"{cycle},P{number}," + ",".join(f"{value:.6f}" for value in values))
-    return "\n".join(lines) + "\n"
-
-
 def path_plan(rig: Rig, percent: int) -> Plan:
     """The plan of the paths at so many percent of their speed, each as often as the rig file says, with a stand before
     and after. Raises FileError without a cube, or where a joint is too slow."""

@@ -54,7 +54,10 @@ def rectangle(errors: Errors) -> Array:
     _, p2, p3, p4, p5 = cube_places(CENTRE, SIDE)
     way = [p2]
     for before, corner, after in ((p2, p3, p4), (p3, p4, p5), (p4, p5, p2)):
-        old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
+        old, new = (
+            (corner - before) / np.linalg.norm(corner - before),
+            (after - corner) / np.linalg.norm(after - corner),
+        )
         if errors.cut_mm:
             way += [corner - errors.cut_mm * old, corner + errors.cut_mm * new]
         else:

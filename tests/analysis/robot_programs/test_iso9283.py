@@ -1,5 +1,5 @@
-"""The programs of ISO 9283 in five dialects: run by interpreters that do not know their writers, the arm computed apart,
-they stop at the cube's poses and drive its paths as the standard draws them."""
+"""The programs of ISO 9283 in five dialects, run by interpreters that do not know their writers, on an arm of its
+own: they stop at the cube's poses and drive its paths as the standard draws them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from analysis.emulation.machine import Round, Stood, Straight, Waited
 from analysis.geometry.iso_cube import cube_of
 from analysis.robot_programs.examine import demand_of
-from analysis.robot_programs.iso9283 import cube_plan, cube_table, path_plan
+from analysis.robot_programs.iso9283 import cube_plan, path_plan
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.rig import Rig
@@ -82,10 +82,3 @@ def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str,
     around = np.array([sum(piece.length_mm for piece in one) for one in rings]) / (2 * np.pi)
     assert np.sort(np.round(around / cube.side_mm, 4)).tolist() == [0.04] * 3 + [0.4] * 6
     assert {round(piece.speed_mm_s, 2) for one in whole for piece in one} == {125.0}
-
-
-def test_the_table_of_the_stops_has_a_row_for_each() -> None:
-    rig = with_cube("ur10e")
-    head, *rows = cube_table(rig).splitlines()
-    assert head.startswith("cycle,pose,q1_deg") and len(rows) == 15
-    assert [row.split(",")[1] for row in rows[:5]] == ["P5", "P4", "P3", "P2", "P1"]
