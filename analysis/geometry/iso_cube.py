@@ -2,8 +2,7 @@
 
 P1 is the centre; P2 … P5 lie on the cube's space diagonals, 10 % of a diagonal from their ends, on one of the four
 planes that hold two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool keeps its orientation.
-The standard itself is not public; its cube, cycles and figures are described by Młyńczak, Kamiński et al. and in
-the manuals of trackers' software (RoboDyn, RoboDK "ISO 9283 cube").
+The standard itself is for sale; clauses and numbers are those by which it is publicly quoted (docs/figures.md).
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 # Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
 
 
-NO_JOINTS = "is a path, without the joints at each place, so it tells nothing about single joints"
+NO_JOINTS = "is a path, without the joints at each place, so it shows nothing of single joints"
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,8 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Find the paths of a cube in a recording. Raises FileError where there are none, or they are not the cube's."""
+    """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
+    None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
     found = _sorted(table, commands, moves)
     whole = {name: [one for one in own if one.whole] for name, own in found.items()}

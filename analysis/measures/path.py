@@ -4,8 +4,8 @@
 largest; 8.3 path repeatability RT: mean + 3 S of the distances of the cycles from that mean, S with n - 1, the largest.
 8.5 corners of the rectangle: cornering round-off CR, the least distance of the path from the corner; corner overshoot
 CO, how far the tool goes beyond the corner in its old direction, across its new one; each the largest of the first
-three cycles, at the worst of P3, P4, P5. The standard itself is for sale; these are its formulas as they are taught and
-as trackers' software states them.
+three cycles, at the worst of P3, P4, P5. The standard itself is for sale; clauses and formulas are those by which it is
+publicly quoted (docs/figures.md).
 
 The large circle is driven both ways, and a tracker knows its radius: F, the radial deviation from the nominal radius
 about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO 230-4:2005, clause 3).

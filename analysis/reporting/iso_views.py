@@ -18,7 +18,7 @@ from rigs.schema.vocabulary import FEWEST_AXES
 _SHARE = 0.12
 """The largest deviation is drawn as this share of the cube's side."""
 _STATIONS = 80
-"""Of each path, at the most."""
+"""Stations of each path that are drawn, at the most."""
 
 
 @dataclass(frozen=True)

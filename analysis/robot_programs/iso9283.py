@@ -16,7 +16,7 @@ from rigs.errors import PathError, RigPlace
 from rigs.rig import Rig
 
 PERCENTS = (100, 50, 10)
-"""Of the path speed, each a program and a run of its own: ISO 9283, 6.7."""
+"""Shares of the path speed, each a program and a run of its own: ISO 9283, 6.7."""
 _STEP_MM = 4.0
 _TO_START_RAD_S = float(np.radians(10.0))
 

@@ -28,7 +28,7 @@ _FAR_MM = 3000.0
 _RATE_HZ = 100.0
 """Places a second; trackers record ten times as many, which says no more of a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
-"""That of the programs (analysis/robot_programs/plan.py)."""
+"""The acceleration of the programs (analysis/robot_programs/plan.py)."""
 _STEPS = 800
 """Steps along each path, between which joints turn evenly: on the circles that is off by less than 0.01 mm."""
 

@@ -2,7 +2,7 @@
 
 Places are averaged over short spans, so that the tracker's noise, which is read off the second differences of its
 places, is no motion. A stand is a rest of more than half a second: a corner, at which some controllers all but stop,
-takes less. What lies before the first and after the last stand is cut off, since nobody knows how much is missing.
+takes less. What lies before the first and after the last stand is cut off: how much of it is missing is unknown.
 """
 
 from __future__ import annotations
