@@ -29,6 +29,8 @@ _RATE_HZ = 100.0
 """Places a second; trackers record ten times as many, which says no more of a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
 """The acceleration of the programs (analysis/robot_programs/plan.py)."""
+_SAME_RAD = 1e-6
+"""The rounding of joints at a place that two paths share."""
 _STEPS = 800
 """Steps along each path, between which joints turn evenly: on the circles that is off by less than 0.01 mm."""
 
@@ -65,7 +67,7 @@ def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
     numbers = [np.zeros(len(parts[0]), dtype=np.int64)]
     for names in CYCLES:
         start = legs[names[0]][:1]
-        if np.abs(start - parts[-1][-1:]).max() > 0:
+        if np.abs(start - parts[-1][-1:]).max() > _SAME_RAD:
             between = Polygon("back", np.stack([forward(arm, at)[0, :3, 3] for at in (parts[-1][-1:], start)]))
             parts.append(_leg(arm, cube, between, test.path_speed_mm_s, where))
             numbers.append(np.full(len(parts[-1]), leg))

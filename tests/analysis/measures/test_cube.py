@@ -16,6 +16,7 @@ from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument, Iso9283
+from tests.analysis.measures.test_pose import measured as series
 from tests.support.faulty_arm import flange_at, hidden
 from tests.support.independent_arm import Array
 from tests.support.iso_plain import accuracy, cube_places, distance, repeatability
@@ -119,6 +120,22 @@ def test_orientation_is_judged_in_the_known_frame() -> None:
     assert found["ap_a_deg"].value == pytest.approx(0.0, abs=1e-6)
     fitted = evaluate(table, rig_with(Iso9283()), 0.0, "cube").figures
     assert fitted["ap_b_deg"].value == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("rises", ["x", "y"])
+def test_the_diagonals_of_a_measured_ur10(rises: str) -> None:
+    """Cubes of 500 mm of Fraunhofer IPA's series D: AD is that of the places alone, without any frame."""
+    table, _ = series("series_d")
+    posture = tuple(map(float, np.degrees(table.q[0])))
+    rig = rig_with(Iso9283(posture_deg=posture, side_mm=500.0, rises=rises), "ur10")  # type: ignore[arg-type]
+    found = evaluate(table, rig, 0.0, "series d").figures
+    cube = cube_of(rig)
+    there = {p: np.abs(table.q - cube.q[p - 1]).max(axis=1) < np.radians(0.5) for p in (2, 4)}
+    ones, others = table.xyz_mm[there[2]], table.xyz_mm[there[4]]
+    ad, rd = distance(ones, others, float(np.linalg.norm(cube.places_mm[1] - cube.places_mm[3])))
+    assert found["ad_mm"].value == pytest.approx(ad, abs=1e-6) and 0.7 < abs(ad) < 1.0
+    assert found["rd_mm"].value == pytest.approx(rd, abs=1e-6)
+    assert found["rp_p1_mm"].value == pytest.approx(0.038, abs=0.002)
 
 
 def test_other_poses_have_no_figures_of_the_cube() -> None:
