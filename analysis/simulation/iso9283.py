@@ -31,8 +31,8 @@ _ACCELERATION_MM_S2 = 200.0
 """The acceleration of the programs (analysis/robot_programs/plan.py)."""
 _SAME_RAD = 1e-6
 """The rounding of joints at a place that two paths share."""
-_STEPS = 800
-"""Steps along each path, between which joints turn evenly: on the circles that is off by less than 0.01 mm."""
+_STEPS = 2000
+"""Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
 
 
 def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PoseTable:
