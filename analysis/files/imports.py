@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from analysis.conventions.check import doubts_of, refuse_impossible
+from analysis.files.cube_stops import with_joints
 from analysis.files.map_proposal import Proposal, propose
 from analysis.files.mapped import table_by
 from analysis.files.mcap_messages import MAGIC
@@ -16,11 +17,13 @@ from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
 from analysis.files.table_problems import Problems, TableFileError
+from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
+from analysis.measures.driven_paths import driven_paths
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured, measured_of
-from analysis.traces.table_layout import LAYOUTS, JointSource
-from analysis.traces.tables import CircleTable, PlaceTable, Table
+from analysis.traces.table_layout import LAYOUTS, PLACE, JointSource
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from daq.store import Run, table_run
 from rigs.errors import FileError
 from rigs.load import load
@@ -67,7 +70,8 @@ def is_plain(path: Path, test: TestName) -> bool:
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
-    return len(names & set(LAYOUTS[test].required)) > 1
+    known = names & set(LAYOUTS[test].required)
+    return len(known) > 1 and (test != "pose" or bool(known - set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "") -> Proposal:
@@ -123,6 +127,8 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
     raw, left_out = read_files(list(zip(files, data, strict=True)), table_map.files, table_map.join)
+    if table_map.stops and table_map.place:
+        raw = with_joints(raw, table_map.place, cube_of(rig))
     table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
     problems = Problems()
     problems.add(
@@ -162,7 +168,9 @@ def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     try:
         if isinstance(table, CircleTable):
             laps_of(table, rig, where)
-        if not isinstance(table, PlaceTable):
+        if isinstance(table, PathTable):
+            driven_paths(table, cube_of(rig), None, where)
+        if not isinstance(table, PlaceTable | PathTable):
             columns = table.g_mm.reshape(len(table.g_mm), -1).T
             hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})
     except FileError as error:

@@ -107,7 +107,8 @@ class TableMap(Part):
     files: how each of its files is written, in the order in which they are given. join: how several files belong
     together, `rows` or a column that each of them has. joints, commanded, place, residual, turn: of poses; sees:
     whether the instrument says where the tool is, or, as a camera on the tool, where the tool sees what stands in the
-    cell. columns: of the other tests, by the names of docs/tables.md. assumed: what is not confirmed.
+    cell; stops: that rows without joints are stops of the ISO 9283 cube, each known by its place. columns: of the other
+    tests, by the names of docs/tables.md. assumed: what is not confirmed.
     """
 
     files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
@@ -118,6 +119,7 @@ class TableMap(Part):
     residual: Residual | None = None
     turn: Turn | None = None
     sees: Literal["the tool", "from the tool"] = "the tool"
+    stops: Literal["of the cube"] | None = None
     columns: dict[Name, Column] = Field(default_factory=dict, max_length=100)
     assumed: tuple[Name, ...] = ()
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import PLACE, SOCKET, TURN, came_from_columns, joint_columns, layout_of
 from analysis.traces.table_rules import hold_table
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from daq.store.arrays import array_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -32,6 +32,8 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
     if missing or not columns.num_rows:
         what = f"its table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, what, "import the table again")
+    if test == "path":
+        return PathTable(_floats(columns, "t_s"), _stack(columns, PLACE))
     q = np.radians(_stack(columns, joint_columns(axes)))
     if test in ("yaw", "roll"):
         if direction is None:
@@ -79,6 +81,8 @@ def columns_of(table: Table) -> pa.Table:
         case PoseTable():
             turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
             return _table({**joints, **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns})
+        case PathTable():
+            return _table({"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))})
         case TouchTable():
             names = came_from_columns(table.q.shape[1])
             came = {} if table.came_from is None else dict(zip(names, np.degrees(table.came_from).T, strict=True))

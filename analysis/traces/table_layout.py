@@ -56,6 +56,7 @@ LAYOUTS: dict[TestName, Layout] = {
     "repeatability": Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",)),
     "pose": Layout((*JOINTS, *PLACE), TURN),
     "touch": Layout((SOCKET, *JOINTS), came_from_columns(6)),
+    "path": Layout(("t_s", *PLACE)),
 }
 """Tables of an arm of six axes."""
 
