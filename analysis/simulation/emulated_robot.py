@@ -138,7 +138,8 @@ class EmulatedRobot:
         self._shown: dict[str, float] = {}
         """What a person made it show of its condition."""
         self._motors = Motors() if {*CURRENTS, *TEMPERATURES} & {*condition_columns(rig.feedback)} else None
-        self._torque_nm = self._torques()
+        self._torque_nm: Array | None = None
+        """The torques (n, 6) of gravity along the trace, once they were asked for."""
         self.finished = clock.Event()
         """Set while it stands."""
         self.finished.set()
@@ -183,6 +184,8 @@ class EmulatedRobot:
         if self._motors is None:
             return {}
         with self._lock:
+            if self._torque_nm is None:
+                self._torque_nm = torques(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q)
             speed_rad_s = self._speed_rad_s(now_ns)
             current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
         return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
@@ -227,7 +230,7 @@ class EmulatedRobot:
         before = self.signal(now_ns)
         with self._lock:
             self._trace, self._signal_before, self._stopped = trace, before, False
-            self._torque_nm = self._torques()
+            self._torque_nm = None
             self._holds_s = tuple(sorted(trace.holds_s))
             self._pace = _Pace(now_ns + int(_STAND_S * 1e9), 0.0, 1.0, 1.0)
         self.finished.clear()
@@ -283,13 +286,6 @@ class EmulatedRobot:
         at_s, rate = self._pace.at(now_ns)
         until_s = min([self._trace.end_s, *self._holds_s[:1]])
         return min(at_s, until_s), rate
-
-    def _torques(self) -> Array:
-        """The torques (n, 6) Nm of gravity along the trace, by the masses of the rig file; with nobody to see them none
-        are computed."""
-        if self._motors is None:
-            return np.zeros_like(self._trace.q)
-        return torques(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q)
 
     def _speed_rad_s(self, now_ns: int) -> Array:
         """How fast each joint moves (6,); the caller holds the lock."""

@@ -25,11 +25,11 @@ _WAY_DEG = 3.0
 """How far from its turning point a joint is looked at, at the most, and the least way is a third of it."""
 _WAITS = 0.4
 """Share of the time on one side that creeping takes of a joint that turns in motion: 0.13 of the longest way to 0.22 of
-the shortest, at an even acceleration. One that waits there brakes and starts anew, whose torque jumps too."""
+the shortest, at an even acceleration. One that waits there brakes and starts again, whose torque jumps too."""
 _PIECES = 12
 """Means of currents to each side, by equal ways: ripple within a piece, which is no noise, is averaged."""
 _ORDER = 3
-"""Of the polynomial in time that everything but friction follows."""
+"""Order of the polynomial in time that everything but friction follows."""
 
 
 @dataclass(frozen=True)
