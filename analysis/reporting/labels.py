@@ -59,7 +59,7 @@ _LABELS = {
     "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
     "socket_distance_mm": "distance of the sockets, by the arm",
     "repeat_mm": "scatter of one coordinate",
-    **{f"friction_j{axis}_a": f"friction of axis {axis}, motor current" for axis in range(1, 7)},
+    **{f"friction_j{axis}_a": f"friction of axis {axis}" for axis in range(1, 7)},
     "ap_a_deg": "accuracy AP a, about x",
     "ap_b_deg": "accuracy AP b, about y",
     "ap_c_deg": "accuracy AP c, about z",

@@ -91,5 +91,5 @@ def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path: Pa
         truth = friction_current_a(axis, float(shown[f"temperature{axis}_c"].mean()))
         assert abs(one.current_a - truth) < 4 * one.u_a + 0.02 * truth, (axis, one, truth)
     said = bench.run("analyse", path).stdout
-    assert f"friction of axis {min(friction)}, motor current" in said
+    assert f"friction of axis {min(friction)}" in said
     assert "yaw acw, lap: joints 26" in said and "°C" in said
