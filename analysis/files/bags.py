@@ -11,6 +11,8 @@ from rigs.errors import FileError
 from rigs.files import out_of_memory
 
 Bag = mcap_messages.Bag | sqlite_bag.SqliteBag
+_LAST_NS = 2**62
+"""The year 2116: no bag is of a later one, and all reckoning with times is in 64 bits."""
 _SUFFIXES = (".mcap", ".db3")
 
 
@@ -45,7 +47,10 @@ def messages_of(bag: Bag) -> Iterator[Found]:
         remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
         raise FileError(bag.where, "is cut off: a bag ends as it begins", remedy)
     try:
-        yield from bag.messages()
+        for message in bag.messages():
+            if not max(message.log_ns, message.sent_ns) < _LAST_NS:
+                raise ValueError("a message has an impossible time")
+            yield message
     except FileError:
         raise
     except MemoryError:

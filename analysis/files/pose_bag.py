@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -28,10 +30,16 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.ros2 import ROS2JointStates
 
+_JOINT = re.compile(r"[\w./-]{1,100}")
 _FEWEST = 3
 """Readings of a stand, of which a mean and a scatter can be made."""
 _APART_S = 0.1
 """Stamps of two senders that lie further apart, beside the bag's own time, are of two clocks; networks take less."""
+_UNIT_WITHIN = 0.01
+"""How far a quaternion's length may be from one: drivers publish float32, and zeros where they see nothing."""
+_LARGEST = 1e6
+"""No place in m and no angle in rad is larger."""
+_MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
 """A robot whose joints are unknown for so long may have moved in between."""
 _DRIFTS, _LEAST_M = 6.0, 5e-5
@@ -40,20 +48,28 @@ _DRIFTS, _LEAST_M = 6.0, 5e-5
 
 @dataclass
 class _Track:
-    """Messages of one sender: when received and sent in ns, and values, None for one that was of no use."""
+    """Messages of one sender: when received and sent in ns, and values. placed: of a place in m, with a turn or
+    without; else of joints. lacking: how many were of no use."""
 
+    placed: bool = False
     log_ns: list[int] = field(default_factory=list)
     sent_ns: list[int] = field(default_factory=list)
     values: list[tuple[float, ...]] = field(default_factory=list)
     lacking: int = 0
 
     def add(self, log_ns: int, sent_ns: int, values: tuple[float, ...] | None) -> None:
-        if values is None or not np.isfinite(values).all():
+        if values is None or not self._fits(values):
             self.lacking += 1
             return
         self.log_ns.append(log_ns)
         self.sent_ns.append(sent_ns)
         self.values.append(values)
+
+    def _fits(self, values: tuple[float, ...]) -> bool:
+        """Whether these are numbers, as many as before, and a turn is one."""
+        alike = not self.values or len(values) == len(self.values[0])
+        turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
+        return alike and all(abs(value) < _LARGEST for value in values) and turned
 
 
 @dataclass(frozen=True)
@@ -117,6 +133,10 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
         raise FileError(where, f"has no {JOINT_STATE} on {wanted}; it has {has}", "name the topic in the rig file")
     own = [one for one in messages if one.topic == wanted and one.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(own, len(rig.robot.axes), where)
+    if odd := [name for name in names if not _JOINT.fullmatch(name)]:
+        raise FileError(
+            where, f"names a joint {odd[0][:40]!r}, which is no name", "name the six joints in the rig file"
+        )
     joints, placed = _Track(), dict[str, _Track]()
     for one in own:
         stamp_ns, angles = _joints(one.data)
@@ -142,9 +162,11 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     """The joints of the first message that has as many as the arm or more."""
     for one in messages:
         names = list(_joints(one.data)[1])
-        if len(names) >= axes:
+        if axes <= len(names) <= _MOST_JOINTS:
             return names
-    raise FileError(where, f"has no message with {axes} joints", "give the rig file of the arm that was measured")
+    raise FileError(
+        where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
+    )
 
 
 def _place(message: Found, placed: dict[str, _Track]) -> None:
@@ -152,9 +174,11 @@ def _place(message: Found, placed: dict[str, _Track]) -> None:
     try:
         for one in PLACED[message.kind](message.data):
             name = f"{message.topic}:{one.child}" if message.kind == TF else message.topic
-            placed.setdefault(name, _Track()).add(message.log_ns, one.stamp_ns, (*one.place_m, *one.turn))
+            if len(name) <= _LONGEST_NAME:
+                track = placed.setdefault(name, _Track(placed=True))
+                track.add(message.log_ns, one.stamp_ns, (*one.place_m, *one.turn))
     except (struct.error, IndexError):
-        placed.setdefault(name, _Track()).lacking += 1
+        placed.setdefault(name, _Track(placed=True)).lacking += 1
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
@@ -198,7 +222,9 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
         found.append((ns[fresh], values[fresh]))
         total = len(ns) + track.lacking
         if track.lacking:
-            doubts.append(f"{name}: left out {track.lacking} of {total} messages, which lack a joint or a number")
+            doubts.append(
+                f"{name}: left out {track.lacking} of {total} messages, which lack a joint, a number or a turn"
+            )
         if stale := int((~fresh).sum()):
             doubts.append(f"{name}: left out {stale} of {total} messages, no later than one before")
     return found[0], found[1], doubts

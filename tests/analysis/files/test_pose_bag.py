@@ -171,3 +171,31 @@ def test_a_database_that_is_no_bag_is_one_line(tmp_path: Path, rng: np.random.Ge
 def test_a_directory_without_one_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="directory with no files of a bag"):
         file_of(tmp_path)
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE])
+def test_a_damaged_bag_is_one_line_or_what_is_left(
+    tmp_path: Path, rng: np.random.Generator, storage: StoragePlugin
+) -> None:
+    drive(tmp_path / "bag", rng, stops=3, storage=storage, kind=TF)
+    whole = file_of(tmp_path / "bag").read_bytes()
+    for _ in range(40):
+        data = bytearray(whole)
+        for at in rng.integers(0, len(data), 8):
+            data[at] = rng.integers(0, 256)
+        try:
+            stands_of_bag(bytes(data), "bag", load("ur10")[0], "/seen:target")
+        except FileError as error:
+            assert "\n" not in str(error)
+
+
+def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
+    with sqlite3.connect(file_of(tmp_path / "bag")) as database:
+        (topic,) = database.execute("SELECT id FROM topics WHERE name = '/seen'").fetchone()
+        rows = database.execute("SELECT id, data FROM messages WHERE topic_id = ? LIMIT 5", (topic,)).fetchall()
+        for at, data in rows:
+            database.execute("UPDATE messages SET data = ? WHERE id = ?", (data[:-32] + bytes(32), at))
+    found = stands(tmp_path / "bag")
+    held(found, truth)
+    assert any("/seen: left out 5 of" in doubt for doubt in found.doubts)
