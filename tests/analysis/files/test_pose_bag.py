@@ -15,10 +15,12 @@ import yaml
 from analysis.files.bags import file_of
 from analysis.files.pose_bag import StandTable, stands_of_bag
 from analysis.traces.loading import load_measured
+from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
 from tests.support.command_line import ran
+from tests.support.seven_axes import draw_truth, pose_table
 
 pytest.importorskip("rosbags.rosbag2")
 from tests.support.driven_bag import (
@@ -30,6 +32,7 @@ from tests.support.driven_bag import (
     Driven,
     StoragePlugin,
     drive,
+    drive_points,
 )
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
@@ -130,6 +133,17 @@ def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path: Path, rng: np.r
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert load_measured(tmp_path / "again").table.q == pytest.approx(measured.table.q)
+
+
+def test_seven_axes_are_found_by_their_names(tmp_path: Path, rng: np.random.Generator) -> None:
+    robot = load_arm("franka-fr3").robot
+    table = pose_table(robot, draw_truth(robot, rng, ()), rng, np.array([10.0, 20.0, 100.0]), 20)
+    drive_points(tmp_path / "bag", rng, [f"fr3_joint{axis}" for axis in range(1, 8)], table.q, table.xyz_mm)
+    rig = tmp_path / "fr3.yaml"
+    rig.write_text("name: fr3\n" + ran("arms", "franka-fr3").stdout)
+    done = ran("import", tmp_path / "bag", "--rig", rig, "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert load_measured(tmp_path / "run").table.q == pytest.approx(table.q, abs=2e-6)
 
 
 def test_a_camera_on_the_tool_is_recognised(tmp_path: Path, rng: np.random.Generator) -> None:
