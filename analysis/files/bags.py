@@ -9,6 +9,7 @@ from analysis.files import mcap_messages, sqlite_bag
 from analysis.files.mcap_messages import Found, words_of
 from rigs.errors import FileError
 from rigs.files import out_of_memory
+from rigs.text import as_argument
 
 Bag = mcap_messages.Bag | sqlite_bag.SqliteBag
 _LAST_NS = 2**62
@@ -29,12 +30,14 @@ def bag_of(data: bytes, where: str) -> Bag:
 def file_of(path: Path) -> Path:
     """Return the file of a bag in the directory that `ros2 bag record` made; any other path as it is.
 
-    Raises FileError for a directory with no such file, or several.
+    Raises FileError for a directory with no such file, or several, and for a file whose end is in a log beside it.
     """
-    if not path.is_dir():
-        return path
-    files = sorted(one for one in path.iterdir() if one.suffix in _SUFFIXES)
+    files = sorted(one for one in path.iterdir() if one.suffix in _SUFFIXES) if path.is_dir() else [path]
     if len(files) == 1:
+        log = files[0].with_name(f"{files[0].name}-wal")
+        if log.exists() and log.stat().st_size:
+            remedy = f"write it into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            raise FileError(str(files[0]), f"was not closed: its last messages are in {log.name}", remedy)
         return files[0]
     what = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
     remedy = "make one bag of them: ros2 bag convert" if files else "give the file, or the directory of ros2 bag record"

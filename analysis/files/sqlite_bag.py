@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from analysis.files.mcap_messages import Found
 
 MAGIC = b"SQLite format 3\0"
+_VERSIONS, _NO_LOG = 18, b"\1\1"
+"""Where a header says whether a log beside the file is used (WAL, of rosbag2's resilient preset), and that none is: a
+database in memory has none (sqlite.org, Database File Format, 1.3.3)."""
 _MOST_STEPS = 500_000_000
 """Steps of SQLite's virtual machine: half a minute, and several times what five million messages take."""
 _STEPS = 1_000_000
@@ -38,7 +41,7 @@ class SqliteBag:
         """
         steps = iter(range(_MOST_STEPS // _STEPS))
         with closing(sqlite3.connect(":memory:")) as database:
-            database.deserialize(self.data)
+            database.deserialize(self.data[:_VERSIONS] + _NO_LOG + self.data[_VERSIONS + len(_NO_LOG) :])
             database.execute("PRAGMA trusted_schema = OFF")
             database.set_progress_handler(lambda: next(steps, None) is None, _STEPS)
             if database.execute(_PLAIN).fetchone() != (2,):

@@ -213,3 +213,15 @@ def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, 
     found = stands(tmp_path / "bag")
     held(found, truth)
     assert any("/seen: left out 5 of" in doubt for doubt in found.doubts)
+
+
+def test_a_bag_with_a_log_beside_it_is_read_once_it_is_closed(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
+    database = sqlite3.connect(file_of(tmp_path / "bag"))
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("CREATE TABLE more (id INTEGER)")
+    database.commit()
+    with pytest.raises(FileError, match=r"was not closed: its last messages are in bag\.db3-wal"):
+        file_of(tmp_path / "bag")
+    database.close()
+    held(stands(tmp_path / "bag"), truth)
