@@ -39,7 +39,8 @@ TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
 
 
 class Layout(Part):
-    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook."""
+    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook; topic: of the poses in a
+    bag."""
 
     encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
     separator: Separator = "comma"
@@ -49,6 +50,7 @@ class Layout(Part):
     units_line: int = Field(default=0, ge=0)
     first_line: int = Field(default=2, ge=1)
     sheet: Annotated[str, StringConstraints(max_length=200)] = ""
+    topic: Annotated[str, StringConstraints(max_length=500)] = ""
 
 
 class Angles(Part):

@@ -78,6 +78,12 @@ class CircleLimits(Part):
     circular_deviation_mm: Bound = None
     hysteresis_max_mm: Bound = None
     hysteresis_mean_mm: Bound = None
+    friction_j1_a: Bound = None
+    friction_j2_a: Bound = None
+    friction_j3_a: Bound = None
+    friction_j4_a: Bound = None
+    friction_j5_a: Bound = None
+    friction_j6_a: Bound = None
 
 
 class RadialLimits(Part):
