@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,12 @@ def test_what_a_tracker_wrote_becomes_runs_with_all_figures(cell: Path) -> None:
     page = ran("report", cell / "runs" / "cube", cell / "runs" / "path", "--no-diagnosis", "-o", cell / "page.html")
     assert page.returncode == 0 and "Deviation along each path" in (cell / "page.html").read_text()
     assert ran("verify", cell / "runs" / "path").returncode == 0
+
+
+def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(cell: Path) -> None:
+    found = ran("diagnose", cell / "sim" / "pose-000", "--json")
+    assert found.returncode == 0, found.stderr
+    assert json.loads(found.stdout)["condition"] == "not_testable_here"
 
 
 def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
