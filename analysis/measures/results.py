@@ -80,6 +80,7 @@ class Result(Tabular):
     def to_dict(self) -> dict[str, Any]:
         """Run, figures and doubts in plain types, None for what is not known: a run of `rig analyse --json`."""
         manifest = self.measured.run.manifest
+        warmth = self.measured.condition.warmth or {}
         plain: dict[str, Any] = for_json(
             {
                 "run": str(self.measured.path),
@@ -92,6 +93,7 @@ class Result(Tabular):
                 "u_lag_s": self.measured.u_lag_s,
                 "figures": {name: asdict(figure) for name, figure in self.figures.items()},
                 "doubts": list(self.doubts),
+                **({"warmth": {str(axis): asdict(one) for axis, one in warmth.items()}} if warmth else {}),
             }
         )
         return plain

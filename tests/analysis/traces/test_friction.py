@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,8 @@ def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path: Pa
     for axis, one in friction.items():
         truth = friction_current_a(axis, float(shown[f"temperature{axis}_c"].mean()))
         assert abs(one.current_a - truth) < 4 * one.u_a + 0.02 * truth, (axis, one, truth)
+    (plain,) = json.loads(bench.run("analyse", path, "--json").stdout)["runs"]
+    assert plain["warmth"]["2"]["mean_c"] == pytest.approx(shown["temperature2_c"].mean())
     said = bench.run("analyse", path).stdout
     assert f"friction of axis {min(friction)}" in said
     assert "yaw acw, lap: joints 26" in said and "°C" in said
