@@ -45,17 +45,25 @@ class Checked:
 
 def check_runs(runs: Runs) -> list[Checked]:
     """Hold runs of one robot against every convention, alone and together."""
-    found = findings_of(runs)
+    found, told = findings_of(runs), _with_joints(runs)
     return [
-        Checked(one, tuple(finding for finding in found if finding.convention == one.name), one.cannot(runs))
+        Checked(
+            one,
+            tuple(finding for finding in found if finding.convention == one.name),
+            one.cannot(told) if told else "a path has neither joints nor gauges",
+        )
         for one in CONVENTIONS
     ]
 
 
 def findings_of(runs: Runs) -> list[Finding]:
     """Return what speaks against a convention in runs of one robot; paths have neither joints nor gauges."""
-    told = [run for run in runs if not isinstance(run.table, PathTable)]
+    told = _with_joints(runs)
     return [finding for find in _FINDERS for finding in find(told)] if told else []
+
+
+def _with_joints(runs: Runs) -> list[Measured]:
+    return [run for run in runs if not isinstance(run.table, PathTable)]
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:

@@ -56,12 +56,14 @@ _BLIND = 1e-3
 
 @dataclass(frozen=True)
 class PoseResult:
-    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,), from 0;
-    rows (n,): of the table, those that were not left out."""
+    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; placed_mm (n, 3): what
+    AP is of, by the instrument's frame where it is known, else the same; group (n,), from 0; rows (n,): of the table,
+    those that were not left out."""
 
     setup: PoseSetUp
     position_mm: Array
     rotation: Array | None
+    placed_mm: Array
     group: NDArray[np.int64]
     figures: dict[str, Quantity]
     samples: int
@@ -105,8 +107,8 @@ def evaluate(
         ["no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"],
     )
     place = turn = None
+    placed, twisted = (position, rotation) if instrument is None else _in_frame(arm, table, instrument)
     if len(again):
-        placed, twisted = (position, rotation) if instrument is None else _in_frame(arm, table, instrument)
         seen = _padded(placed, group, again)
         place = scatter_of(seen, 0.0)
         pose = poses_of_cube(table.q, cube)
@@ -127,7 +129,7 @@ def evaluate(
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
         notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
     notes = [*kept.notes, *_misfit(figures["rms_mm"]), *_blind(setup), *notes]
-    return PoseResult(setup, position, rotation, group, figures, len(T), tuple(notes), kept.rows)
+    return PoseResult(setup, position, rotation, placed, group, figures, len(T), tuple(notes), kept.rows)
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:

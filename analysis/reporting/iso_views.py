@@ -42,7 +42,7 @@ def cube_view(result: Result) -> PlaneView | None:
     pose = poses_of_cube(table.q[result.found.rows], cube)
     if not pose.any():
         return None
-    off = result.found.position_mm[pose > 0] @ arm_of(rig.robot).T_world_base[:3, :3].T
+    off = result.found.placed_mm[pose > 0] @ arm_of(rig.robot).T_world_base[:3, :3].T
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
     return replace(_enlarged(places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm), command_mm=places)
