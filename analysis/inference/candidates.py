@@ -222,7 +222,7 @@ def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
     the target.
     """
     read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-    off = np.concatenate([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
+    off = linear.at_entries([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
     targets = np.flatnonzero(off)
     columns = np.zeros((len(off), len(targets)))
     columns[targets, np.arange(len(targets))] = off[targets]
