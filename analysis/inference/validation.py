@@ -13,14 +13,14 @@ from analysis.inference.background import Posterior, background_effects, backgro
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
 from analysis.inference.observation import ObservedRun, residuals_of, rms
 from analysis.inference.refine import Unknown, slopes_of
-from analysis.inference.responses import Linearisation, basis_of, limits_um, linearise, noise_um, rms_um
+from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable, test_of
+from analysis.traces.tables import PlaceTable, TouchTable, test_of
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -77,7 +77,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     before, after, calibrated = (1e3 * rms(own) for own in left)
     tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
     keeps = all(run.one.setup in stages.calibrated for run in runs)
-    floor = _floor(result.linear, {run.name for run in runs})
+    floor = _floor(result, {run.name for run in runs})
     return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
 
 
@@ -239,12 +239,18 @@ def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
     return 1e3 * rms(fit_run_setups(with_effects(runs, [effect]))[1])
 
 
-def _floor(linear: Linearisation, names: Collection[str]) -> float:
+def _floor(result: SearchResult, names: Collection[str]) -> float:
     """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
-    noise."""
+    noise, that of touches as far as the readings show it."""
+    linear = result.linear
     alike = [block.name in names for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    return float(np.sqrt(size @ noise_um(linear) ** 2 / size.sum()))
+    strength = result.state.strength[result.selection.columns.band]
+    shown = [
+        min(float(strength[rows].mean()), 1.0) if isinstance(block.one.table, TouchTable) else 1.0
+        for block, rows in zip(linear.blocks, linear.rows, strict=True)
+    ]
+    return float(np.sqrt(size @ (shown * noise_um(linear) ** 2) / size.sum()))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
