@@ -123,6 +123,9 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
     raw, left_out = read_files(list(zip(files, data, strict=True)), table_map.files, table_map.join)
+    if rig.robot.rail:
+        what = "has no place for where the rail of the rig file stands"
+        raise FileError("the map", what, "import a table with q1_deg …, e1_mm and x_mm, y_mm, z_mm, without a map")
     table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
     problems = Problems()
     problems.add(

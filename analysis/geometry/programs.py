@@ -38,6 +38,9 @@ def hold_six(rig: Rig) -> None:
     if (axes := len(rig.robot.axes)) > FEWEST_AXES:
         what = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {FEWEST_AXES}"
         raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
+    if rig.robot.rail:
+        what = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
+        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches, or leave out robot.rail")
 
 
 def circle_of(rig: Rig) -> Circle:

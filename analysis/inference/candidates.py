@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.inference.blocks import Block
 from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.inference.responses import Linearisation, Response
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, rail_mm
 from analysis.traces.tables import CircleTable, PlaceTable, TouchTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
@@ -85,7 +85,9 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     gauged = any(not isinstance(table, PlaceTable) for table in tables)
     gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks).tolist()))
+    arm = blocks[0].model.arm
+    rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks)[: arm.axes].tolist()), rail)
 
 
 def _turned(blocks: Sequence[Block]) -> Array:

@@ -133,8 +133,8 @@ class Linearisation:
         return known_distances_of(self.blocks)
 
     def at_entries(self, parts: Sequence[NDArray[_Kind]], of_distances: Array | float = 0.0) -> NDArray[_Kind]:
-        """Return values of the entries (n, …) of each block as those of all entries (N, …), with values (t, …) of the
-        known distances after them; an error of the arm changes none of these."""
+        """Return values of the entries (n, …) of each block, in any unit, as those of all entries (N, …), with values
+        (t, …) of the known distances after them; an error of the arm changes none of these."""
         added = np.zeros((len(self.distances.pairs), *parts[0].shape[1:]), dtype=parts[0].dtype)
         added[...] = of_distances
         return np.concatenate([*parts, added])

@@ -17,7 +17,7 @@ from analysis.inference.responses import basis_of, limits_um, linearise, noise_u
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable, TouchTable, test_of
@@ -298,7 +298,8 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
     root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
-    angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
+    arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
+    angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
     found = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
@@ -306,6 +307,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         version=version("rig"),
         runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
+        rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
         setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
@@ -343,7 +345,9 @@ def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
     ]
     # A copy would keep the root and the effects that are known of the one found.
     fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
+    rails = [one.rail_mm for one in (before, found) if one.rail_mm]
     fields |= {
+        "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
         "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
         "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
     }  # fmt: skip
