@@ -29,6 +29,7 @@ __all__ = [
     "JointReversal",
     "Measured",
     "Named",
+    "PathCurve",
     "PoseCurve",
     "Quantity",
     "RadialCurve",

@@ -1,4 +1,4 @@
-"""What errors of alignment do to the figures: the table of docs/mechanics.md, simulated without noise.
+"""What errors of alignment do to the figures: the table of docs/setting-up.md, simulated without noise.
 
 A UR10e with a play and a gear wave drives its tests with one thing of the set-up wrong at a time, and the readings are
 evaluated as `rig analyse` does, by a rig file that does not know it. The table shows by how much figures change.
@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def table() -> list[str]:
-    """The table of docs/mechanics.md, line by line."""
+    """The table of docs/setting-up.md, line by line."""
     aligned = figures_of(SetUp())
     lines = [f"| | {' | '.join(HEADS)} |", f"| --- |{' --- |' * len(HEADS)}"]
     lines.append(f"| aligned | {' | '.join(_value(name, aligned[test, name]) for test, name in FIGURES)} |")

@@ -9,6 +9,8 @@ import os
 import stat
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from rigs.errors import FileError
 
 _REMEDY = "check the path and its permissions"
@@ -66,3 +68,16 @@ def out_of_memory(path: Path) -> FileError:
 
 def _written(size: int) -> str:
     return f"{size / 1e6:g} MB" if size < 1e9 else f"{size / 1e9:g} GB"
+
+
+def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:
+    """Return the error for a file of a version that this rig does not know, whatever else it has that is unknown; None
+    where its version, a number in `field`, is not what is wrong.
+
+    What every file of before 1.0 and of 1.x is read by: docs/decisions/0031-compatibility.md.
+    """
+    for detail in error.errors(include_url=False, include_context=False):
+        if detail["loc"] == (field,) and isinstance(detail["input"], int):
+            what = f"has {field} {detail['input']}, which this rig does not know: a newer one wrote it"
+            return FileError(where, what, "install the newest rig on this computer, or use it where it was made")
+    return None

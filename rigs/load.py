@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
-from rigs.files import read_bytes, read_text
+from rigs.files import of_newer_rig, read_bytes, read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -109,6 +109,8 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     try:
         return CalibratedModel.read(data)
     except ValidationError as error:
+        if newer := of_newer_rig(str(path), error, "format"):
+            raise newer from None
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise FileError(str(path), f"is no calibration: {place}: {first['msg']}", "diagnose again") from None

@@ -256,7 +256,7 @@ def _named(page: Path) -> list[tuple[str, str]]:
     return sorted(set(_PATH.findall(page.read_text(encoding="utf-8"))))
 
 
-SAMPLE_PAGE = ROOT / "docs" / "how-a-sample-becomes-a-figure.md"
+SAMPLE_PAGE = ROOT / "docs" / "analysis.md"
 NAMES = sorted({name for page in (SAMPLE_PAGE, *HOW_TO.glob("*.md")) for name in _named(page)})
 
 

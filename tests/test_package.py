@@ -35,6 +35,14 @@ def test_the_version_stands_in_one_place() -> None:
     assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == ["pyproject.toml"]
 
 
+def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
+    """Runs, models and tables of a trial, other people's measurements among them, were once nearly kept."""
+    tracked = _run("git", "ls-files", "-z").stdout.rstrip("\0").split("\0")
+    folders = {"daq", "analysis", "rigs", "tests", "systemd", "scripts", "docs", "dev", ".ci"}
+    files = {".gitignore", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"}
+    assert {name.partition("/")[0] for name in tracked} == folders | files
+
+
 def test_the_citation_names_what_pyproject_names() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # what the format demands

@@ -20,6 +20,7 @@ from analysis.measures import results
 from analysis.measures.quantity import Quantity as Quantity
 from analysis.measures.result_curves import CircleCurve as CircleCurve
 from analysis.measures.result_curves import JointReversal as JointReversal
+from analysis.measures.result_curves import PathCurve as PathCurve
 from analysis.measures.result_curves import PoseCurve as PoseCurve
 from analysis.measures.result_curves import RadialCurve as RadialCurve
 from analysis.measures.result_curves import RepeatabilityCurve as RepeatabilityCurve
@@ -68,7 +69,7 @@ def read_table(
 
     path: CSV file with the columns of docs/tables.md, in degrees and mm.
     rig: rig file of the cell that it was measured in, or the name of a shipped rig.
-    test: `yaw`, `roll`, `radial`, `repeatability` or `pose`.
+    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`.
     direction: `acw` or `cw`, of a circle whose table has no column `direction`.
     operator: who measured.
     placement: where instrument or ball stood; runs of one placement share a set-up.
@@ -121,7 +122,7 @@ def simulate(
     """Simulate a run of a test: the robot drives the test's program, the gauges read with noise.
 
     rig: rig file, or the name of a shipped rig.
-    test: `yaw`, `roll`, `radial` or `repeatability`.
+    test: `yaw`, `roll`, `radial`, `repeatability` or `touch`; `pose` and `path` are those of ISO 9283.
     direction: `acw` or `cw`, which yaw and roll need and the others do not have.
     seed: of the noise, from 0; each direction has noise of its own; None for a run without noise.
     effects: errors that the robot has instead of those in the rig file, as objects of `rigs.effects` or as a YAML file

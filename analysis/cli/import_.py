@@ -21,7 +21,7 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 def import_(
     tables: Annotated[
         list[Path],
-        typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or MCAP bags of ROS 2: docs/tables.md."),
+        typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or bags of ROS 2: docs/tables.md."),
     ],
     rig_file: Annotated[
         str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")
@@ -54,6 +54,12 @@ def import_(
             help="The files are one measurement, joined row by row or by a column; default: a run of each file.",
         ),
     ] = "",
+    topic: Annotated[
+        str,
+        typer.Option(
+            help="Topic of the poses in a bag, of a transform /tf:CHILD; default: the only one that there is."
+        ),
+    ] = "",
     yes: Annotated[
         bool,
         typer.Option(
@@ -71,23 +77,27 @@ def import_(
     from analysis import read_table, save_run  # noqa: PLC0415
     from analysis.cli.import_map import mapped_run, needs_map  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.files.bags import file_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")
+    if topic and test != "pose":
+        raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")
     operator = operator_or_user(operator)
 
     def make_run(table: Path) -> None:
-        files = tables if join else [table]
+        files = [file_of(one) for one in (tables if join else [table])]
         run = output / table.stem if len(tables) > 1 and not join else output
         if run.exists():
             raise FileError(str(run), "exists already", "give the run a directory of its own")
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
-        if join or map_file or needs_map(table, test):
-            measured = mapped_run(files, rig_file, test, run, map_file=map_file, join=join, yes=yes, **label)
+        if join or map_file or needs_map(files[0], test):
+            asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic}
+            measured = mapped_run(files, rig_file, test, run, **asked, **label)
         else:
             with progress_of(f"reading {table}"):
-                measured = read_table(table, rig_file, test, **label)
+                measured = read_table(files[0], rig_file, test, **label)
         save_run(measured, run)
         for doubt in measured.doubts:
             say(f"doubt: {doubt}", err=True)

@@ -41,6 +41,7 @@ def mapped_run(
     map_file: Path | None,
     join: str,
     yes: bool,
+    topic: str,
     direction: Direction | None,
     operator: str,
     placement: str,
@@ -49,12 +50,14 @@ def mapped_run(
     """The run of the files of a measurement by a map: that of a file, or one that is proposed and completed here."""
     if map_file:
         table_map = load_map(map_file)
+        if topic:
+            raise UseError("--topic", "stands in the map already (topic of a file)", "leave it out, or change the map")
         if join and join != table_map.join:
             raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "leave it out")
     elif test != "pose":
         raise UseError("--join", f"needs a map of a {test} table", "write one and give it with --map (docs/tables.md)")
     else:
-        table_map = _proposed(files, rig_file, join, run, yes=yes)
+        table_map = _proposed(files, rig_file, join, run, topic=topic, yes=yes)
     with progress_of(f"reading {files[0]}"):
         return read_mapped(
             files,
@@ -68,9 +71,9 @@ def mapped_run(
         )
 
 
-def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, yes: bool) -> TableMap:
+def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, topic: str, yes: bool) -> TableMap:
     with progress_of(f"reading {files[0]}"):
-        proposal = propose_map(files, rig_file, join)
+        proposal = propose_map(files, rig_file, join, topic)
     for line in proposal.checked:
         say(line, err=True)
     if proposal.questions and not yes:

@@ -12,7 +12,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
-from rigs.schema.vocabulary import CIRCLES, DrivenTest, Maker
+from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
@@ -26,13 +26,18 @@ def program(
     rig_file: RigArgument,
     maker: Annotated[Maker, typer.Option("--for", help="Maker of the controller.")],
     test: Annotated[
-        DrivenTest,
-        typer.Option(help="Test to drive; yaw and roll are the same circle with the gauges mounted differently."),
+        ProgramTest,
+        typer.Option(
+            help="Test to drive; yaw and roll are the same circle with the gauges mounted differently, iso9283 the "
+            "poses and paths of ISO 9283 before a tracker."
+        ),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
     dwell_s: Annotated[
         float | None,
-        typer.Option(min=0.5, max=600, help="Seconds to stand at each target of radial and repeatability; default: 3."),
+        typer.Option(
+            min=0.5, max=600, help="Seconds to stand at each target of radial, repeatability and iso9283; default: 3."
+        ),
     ] = None,
     arc_deg: Annotated[
         float | None,
@@ -59,11 +64,13 @@ def program(
     ] = None,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
+    from analysis.cli.program_iso9283 import program_iso9283  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.robot_programs.compensated import table_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
     from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of  # noqa: PLC0415
     from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
     if dwell_s is not None and test in CIRCLES:
@@ -71,6 +78,12 @@ def program(
     if arc_deg is not None and test not in CIRCLES:
         raise typer.BadParameter(f"the {test} program drives no circle", param_hint="--arc-deg")
     rig, _ = load(rig_file)
+    if test == "iso9283":
+        if path or targets or outputs:
+            what = "is of the ball link's tests; correct planned poses by rig correct --path"
+            raise UseError("--path, --targets and --outputs", what, "leave it out")
+        program_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
+        return
     with named_by(rig_file, rig), progress_of("checking the programs"):
         arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
         nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)

@@ -12,7 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument, direction_option
-from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest
+from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest, TestName
 
 
 @command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
@@ -26,7 +26,10 @@ def simulate(
     effects: HiddenEffects = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
 ) -> None:
-    """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
+    """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
+
+    iso9283 are two runs: the poses of the cube and the paths, as a tracker sees them.
+    """
     from functools import partial  # noqa: PLC0415
     from itertools import product  # noqa: PLC0415
 
@@ -39,9 +42,10 @@ def simulate(
         if direction:
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
-    for number, one in product(range(seed, seed + runs), directions):
+    tests: tuple[TestName, ...] = ("pose", "path") if test == "iso9283" else (test,)
+    for number, one, kind in product(range(seed, seed + runs), directions, tests):
         with progress_of(f"simulating {test}, seed {number}"):
-            run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
+            run = analysis.simulate(rig_file, kind, one, seed=number, effects=effects)
             path = directory / run.path
             if csv:
                 path = path.with_suffix(".csv")

@@ -18,7 +18,7 @@ from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.conventions.wildness import WILDNESS, wild_findings
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -53,8 +53,9 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return what speaks against a convention in runs of one robot."""
-    return [finding for find in _FINDERS for finding in find(runs)]
+    """Return what speaks against a convention in runs of one robot; paths have neither joints nor gauges."""
+    told = [run for run in runs if not isinstance(run.table, PathTable)]
+    return [finding for find in _FINDERS for finding in find(told)] if told else []
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ def doubts_of(run: Measured) -> tuple[str, ...]:
 
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that no run can have as it is labelled."""
-    for finding in unit_findings(run.table, run.rig):
+    for finding in () if isinstance(run.table, PathTable) else unit_findings(run.table, run.rig):
         if finding.strength == "impossible":
             raise FileError(where, finding.what, finding.remedy)
 

@@ -23,7 +23,7 @@ from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PlaceTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
@@ -51,7 +51,7 @@ _STEP = 1e-4
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     """What speaks against the sign of the gauges of runs of one robot."""
-    gauged = [run for run in runs if not isinstance(run.table, PlaceTable)]
+    gauged = [run for run in runs if not isinstance(run.table, PlaceTable | PathTable)]
     groups: list[list[Measured]] = []
     for run in gauged:
         own = next((group for group in groups if _same_cell(group[0], run)), None)
@@ -74,7 +74,7 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     """A run that the effects of its rig file explain only with the gauges negated."""
     model = model_of(run.rig)
     table = run.table
-    if not model.effects or isinstance(table, PlaceTable) or not _place_known(run):
+    if not model.effects or isinstance(table, PlaceTable | PathTable) or not _place_known(run):
         return
     as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
     if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:

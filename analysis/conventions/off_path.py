@@ -11,7 +11,7 @@ from analysis.geometry.circle import frame_of
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.sockets import left_in_sockets
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere
 
@@ -39,6 +39,8 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
     """How far tool poses (n, 4, 4) lie from the test's path; None where the path is not known."""
     circle, hemisphere = rig.tests.circle, rig.tests.hemisphere
     match table:
+        case PathTable():
+            return None
         case TouchTable():
             return _off_sockets(T, table.socket)
         case PoseTable():

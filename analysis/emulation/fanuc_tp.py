@@ -103,8 +103,8 @@ class _Controller:
             if position.q is None or not 1 <= int(found[2]) <= 100:
                 raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
             self._machine.joints(position.q, Speed(share=int(found[2]) / 100))
-        elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec FINE", line):
-            self._machine.line(self._pose_at(found[1]), float(found[2]), stops=True, speed=Speed())
+        elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
+            self._machine.line(self._pose_at(found[1]), float(found[2]), stops=found[3] == "FINE", speed=Speed())
         elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
             self._machine.turn(self._pose_at(found[1]), np.radians(float(found[2])))
         elif found := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):

@@ -33,7 +33,7 @@ _MIDDLE = [
 ]
 _FORM = re.compile(r"///RCONF ([01]),[01],[01],([01]),([01]),([01])(,0){18}")
 _POSITION = re.compile(r"C(\d{5})=" + ",".join([r"(-?\d+\.\d{3})"] * 3 + [r"(-?\d+\.\d{4})"] * 3))
-_MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=(\d+\.\d))( PL=0)?")
+_MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=(\d+\.\d))( PL=[01])?")
 
 
 def run(text: str, machine: Machine) -> None:
@@ -82,7 +82,7 @@ class _Controller:
         for line in lines:
             found = _MOVE.fullmatch(line)
             if found and found[1] == "MOVC":
-                chain.append((self._take(found[2]), self._speed(found[4]), bool(found[6])))
+                chain.append((self._take(found[2]), self._speed(found[4]), found[6] == " PL=0"))
                 continue
             if found or line.startswith(("TIMER", "DOUT", "PAUSE")):
                 self._drive(chain)
@@ -104,7 +104,7 @@ class _Controller:
         elif found[5]:
             self._machine.turn(pose, np.radians(float(found[5])))
         else:
-            self._machine.line(pose, self._speed(found[4]), stops=bool(found[6]), speed=Speed())
+            self._machine.line(pose, self._speed(found[4]), stops=found[6] == " PL=0", speed=Speed())
 
     def _act(self, line: str) -> None:
         if line.startswith("'"):

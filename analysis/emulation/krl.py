@@ -119,8 +119,9 @@ class _Controller:
         match tokens:
             case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
                 self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
-            case ["LIN", name] if isinstance(self._at(name), Pose):
-                self._machine.line(self._at(name), self._speed_mm_s(), stops=True, speed=self._limits())
+            case ["LIN", name, *zone] if isinstance(self._at(name), Pose) and zone in ([], ["C_DIS"]):
+                stops = not (zone and self._settings["$APO.CDIS"] > 0)
+                self._machine.line(self._at(name), self._speed_mm_s(), stops=stops, speed=self._limits())
             case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
                 related = self._settings["$CIRC_TYPE"] == "#PATH" and self._settings["$ORI_TYPE"] == "#VAR"
                 turning: Turning = "relative to path" if related else "even"

@@ -175,9 +175,10 @@ class _Controller:
             case ["MoveAbsJ", target, "\\", "NoEOffs", ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
                 self._machine.joints(np.radians(self._of(target, "jointtarget")[0]), self._limits(speed))
-            case ["MoveL", target, ",", speed, ",", "fine", ",", *frames]:
+            case ["MoveL", target, ",", speed, ",", "fine" | "z0" as zone, ",", *frames]:
                 self._frames(frames)
-                self._machine.line(self._pose(target), self._mm_s(speed), stops=True, speed=self._limits(speed))
+                mm_s, stops = self._mm_s(speed), zone == "fine"
+                self._machine.line(self._pose(target), mm_s, stops=stops, speed=self._limits(speed))
             case ["MoveC", via, ",", end, ",", speed, ",", "fine" | "z0" as zone, ",", *frames]:
                 self._frames(frames)
                 turning: Turning = "relative to path" if self._by_path else "even"

@@ -8,21 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 
 from analysis.conventions.check import doubts_of, refuse_impossible
+from analysis.files.bags import is_bag
+from analysis.files.cube_stops import with_joints
 from analysis.files.map_proposal import Proposal, propose
 from analysis.files.mapped import table_by
-from analysis.files.mcap_messages import MAGIC
+from analysis.files.pose_bag import stands_of_bag
 from analysis.files.raw_table import is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
 from analysis.files.table_problems import Problems, TableFileError
+from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
+from analysis.measures.driven_paths import driven_paths
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured, measured_of
-from analysis.traces.table_layout import LAYOUTS, JointSource
-from analysis.traces.tables import CircleTable, PlaceTable, Table
+from analysis.traces.table_layout import LAYOUTS, PLACE, JointSource
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from daq.store import Run, table_run
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
@@ -60,34 +64,54 @@ def read_table(
 
 
 def is_plain(path: Path, test: TestName) -> bool:
-    """Whether a file begins with the columns of docs/tables.md, or is a bag: it is read without a map."""
+    """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
     data = read_whole(path)
-    if data.startswith(MAGIC):
-        return True
+    if is_bag(data):
+        return test != "pose"
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
-    return len(names & set(LAYOUTS[test].required)) > 1
+    known = names & set(LAYOUTS[test].required)
+    return len(known) > 1 and (test != "pose" or bool(known - set(PLACE)))
 
 
-def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "") -> Proposal:
-    """Propose the map of the files of one measurement of poses, held against the arm of a rig file.
+def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
+    """Propose the map of the files of one measurement of poses, held against the arm of a rig file. topic: of the poses
+    in a bag; the only one where none is given.
 
     Raises FileError where the files are no such table, or nothing in them fits the arm.
     """
     rig, _ = load(rig_file)
+    _hold_standing(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
-        data = read_whole(path)
+        data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
         sheet = ""
         if is_workbook(data):
             sheet, data = _only_sheet(sheets_of(data, str(path)), str(path))
         lines, found = text_of(data, str(path))
-        layout = layout_of(lines, found.encoding, str(path)).model_copy(update={"sheet": sheet})
+        layout = layout_of(lines, found.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
         layouts.append(layout)
         tables.append(read_raw(lines, layout, str(path)))
     raw, _ = joined(tables, join)
     return propose(raw, layouts, join, rig)
+
+
+def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
+    """The table of the stands in a bag, its topic and doubts; any other file as it is."""
+    if is_bag(data):
+        found = stands_of_bag(data, where, rig, topic)
+        return found.text, found.topic, found.doubts
+    if topic:
+        raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
+    return data, "", ()
+
+
+def _hold_standing(rig: Rig, where: str) -> None:
+    """Raise FileError for an arm on a rail: a map does not say where that stands."""
+    if rig.robot.rail:
+        what = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
+        raise FileError(where, what, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
 
 
 def _only_sheet(sheets: dict[str, bytes], where: str) -> tuple[str, bytes]:
@@ -122,10 +146,16 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
-    raw, left_out = read_files(list(zip(files, data, strict=True)), table_map.files, table_map.join)
-    if rig.robot.rail:
-        what = "has no place for where the rail of the rig file stands"
-        raise FileError("the map", what, "import a table with q1_deg …, e1_mm and x_mm, y_mm, z_mm, without a map")
+    _hold_standing(rig, where)
+    stands = [
+        _stands_in(one, str(path), rig, layout.topic)
+        for path, one, layout in zip(files, data, table_map.files, strict=True)
+    ]
+    raw, left_out = read_files(
+        [(path, text) for path, (text, *_) in zip(files, stands, strict=True)], table_map.files, table_map.join
+    )
+    if table_map.stops and table_map.place:
+        raw = with_joints(raw, table_map.place, cube_of(rig))
     table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
     problems = Problems()
     problems.add(
@@ -148,7 +178,8 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         table_map=map_text(table_map),
         assumed=table_map.assumed,
     )
-    doubts = [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
+    doubts = [doubt for *_, own in stands for doubt in own]
+    doubts += [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
     return _held(run, rig, where, doubts)
 
 
@@ -165,7 +196,9 @@ def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     try:
         if isinstance(table, CircleTable):
             laps_of(table, rig, where)
-        if not isinstance(table, PlaceTable):
+        if isinstance(table, PathTable):
+            driven_paths(table, cube_of(rig), None, where)
+        if not isinstance(table, PlaceTable | PathTable):
             columns = table.g_mm.reshape(len(table.g_mm), -1).T
             hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})
     except FileError as error:

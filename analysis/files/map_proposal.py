@@ -16,10 +16,12 @@ import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
 from analysis.files.column_groups import Group, Groups, Seen, groups_of
+from analysis.files.cube_stops import with_joints
 from analysis.files.mapped import MappedPoses, poses_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.files.table_problems import TableFileError
+from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.pose_setup import fit_setup
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.traces.tables import PoseTable
@@ -37,6 +39,8 @@ _RIGHT_DEG = 2.0
 """The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
 _COMPUTED_MM = 0.1
 """No arm stands by its nominal constants so near: such places were computed by the controller, or simulated."""
+_FEW_POSTURES = 20
+"""So few postures, as those of a cube, leave hardly more than a fit of instrument and target takes."""
 _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
 """Below this a fit is as good as it can be: digits and noise."""
 _SHOWN = 6
@@ -146,6 +150,12 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     """
     names = [axis.name for axis in rig.robot.axes]
     groups = groups_of(raw, names)
+    stops = _stops_of_cube(raw, groups, rig)
+    if stops is not None:
+        found = propose(stops, layouts, join, rig)
+        said = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
+        table_map = found.table_map.model_copy(update={"stops": "of the cube"})
+        return replace(found, table_map=table_map, checked=(said, *found.checked))
     _refuse_missing(raw, groups, len(names))
     bare = replace(arm_of(rig.robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
@@ -165,6 +175,25 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
     return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+
+
+def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
+    """The table with the joints of the cube that a rig file declares, where it has places and no joints; None where it
+    has joints, or there is no such cube. Raises FileError where its places are not those of the cube."""
+    if groups.joints or groups.near or rig.tests.iso9283 is None:
+        return None
+    seen = [one.place for one in groups.seen if one.place.role != "commanded"]
+    cube, failed = cube_of(rig) if seen else None, None
+    for place, unit in ((one, unit) for one in seen for unit in _units(one.unit, _LENGTHS)):
+        try:
+            return with_joints(raw, Lengths(columns=place.columns, unit=unit), cube) if cube else None
+        except TableFileError:
+            raise
+        except FileError as error:
+            failed = failed or error
+    if failed is not None:
+        raise failed
+    return None
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
@@ -230,13 +259,18 @@ def _placed(
         measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
         asks = f"{_short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
-    elif residual is None and best.left < _COMPUTED_MM:
+    elif residual is None and best.left < _COMPUTED_MM and _postures(judge, best.value) > _FEW_POSTURES:
         judge.assumed.append(
             f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
             "computed by the controller, or simulated"
         )
     table_map: TableMap = best.value
     return table_map, chosen
+
+
+def _postures(judge: _Judge, table_map: TableMap) -> int:
+    """How many different postures the rows that judge have."""
+    return len(np.unique(np.round(poses_of(judge.raw, table_map).q, 2), axis=0))
 
 
 def _ask(judge: _Judge, found: Sequence[tuple[Reading, Seen]], asks: str) -> None:

@@ -13,7 +13,7 @@ from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array
-from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS
+from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, joint_columns
 from analysis.traces.tables import PoseTable
 from daq.store.schema import table_schema
 from rigs.errors import FileError, UseError
@@ -139,10 +139,11 @@ def _columns(template: str, values: Array) -> Columns:
 
 def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
     layout, given = LAYOUTS[test], table_map.columns
+    driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
     missing = [name for name in layout.required if name not in given and name not in joints]
     missing = [name for name in missing if not (direction and name == "direction")]
-    if missing or table_map.joints is None:
+    if missing or (driven and table_map.joints is None):
         what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
     if unknown := [name for name in given if name not in layout.known]:
@@ -150,7 +151,7 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
             "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
         )
     problems = Problems()
-    angles = np.degrees(_radians(raw, table_map.joints, problems))
+    angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
     for name in layout.known:
         if name in joints:

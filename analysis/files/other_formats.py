@@ -12,7 +12,6 @@ _BEGINNINGS = (
     (b"\xff\xfe", "is UTF-16", "save it as UTF-8"),
     (b"\xfe\xff", "is UTF-16", "save it as UTF-8"),
     (b"PAR1", "is a Parquet file", "give the table as CSV"),
-    (b"SQLite format 3\0", "is an SQLite file", "give a table as CSV; a bag of ROS 2 as MCAP (ros2 bag convert)"),
     (b"#ROSBAG", "is a bag of ROS 1", "convert it to MCAP: rosbags-convert --src {file} --dst BAG --dst-storage mcap"),
     (b"\x28\xb5\x2f\xfd", "is compressed (zstd)", "unpack it first: zstd -d {file}"),
     (b"\x1f\x8b", "is compressed (gzip)", "unpack it first: gunzip -k {file}"),

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.files.bags import is_bag
 from analysis.files.columns import Columns, Row, column_type, columns_of
 from analysis.files.formulas import as_it_was
 from analysis.files.header import check_header
@@ -53,14 +54,14 @@ class TableFile:
 def read_file(
     path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
 ) -> TableFile:
-    """Read a table of docs/geometry.md: a CSV file, or a bag of ROS 2 from which one is made.
+    """Read a table of docs/tables.md: a CSV file, or a bag of ROS 2 from which one is made.
 
     direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
     sets of columns are the robot's; the other is kept under a name that says what it is.
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = read_whole(path)
-    text, doubts = _table_of_bag(data, str(path), test, rig) if data.startswith(MAGIC) else (data, ())
+    text, doubts = _table_of_bag(data, str(path), test, rig) if is_bag(data) else (data, ())
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
@@ -119,7 +120,7 @@ def read_whole(path: Path) -> bytes:
     try:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:
-        raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap file in it") from None
+        raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
     except FileError:
@@ -132,7 +133,8 @@ def read_whole(path: Path) -> bytes:
 
 def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
     if "direction" not in LAYOUTS[test].required:
-        raise FileError(where, "is a bag, from which only a circle is read", f"give the table of a {test} test as CSV")
+        what = "is a bag, from which circles are read, and poses by a map"
+        raise FileError(where, what, f"give the table of a {test} test as CSV")
     return table_of_bag(data, where, rig, test)
 
 

@@ -5,9 +5,6 @@ topics of `std_msgs/msg/Float64` by their names, `/g1` and `/g2`, in mm. The mes
 of an instrument, so that times and rows are made as those of a recorded run (`analysis.traces.align`): by the stamps of
 the sender where a topic has them, and by the pace of the messages where it has none. How uneven they came is in the
 uncertainty of each row's time and of what all rows share.
-
-The two messages are taken from CDR here: their layout is fixed, where a general reader would build code from the text
-of definitions in a file that somebody else made.
 """
 
 from __future__ import annotations
@@ -22,21 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from analysis.files.mcap_messages import Bag, words_of
+from analysis.files.bags import Bag, bag_of, messages_of
+from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, NUMBER, joint_state, number
 from analysis.kinematics.arm import Integers, Mask
 from analysis.traces.align import Aligned, align_streams
 from analysis.traces.clocks import Columns
 from rigs.errors import FileError
-from rigs.files import out_of_memory
 from rigs.rig import Rig
 from rigs.schema.ros2 import ROS2JointStates
 from rigs.schema.vocabulary import TestName
 
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
-_JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 _JOINT_COLUMNS = tuple(f"q{axis}_deg" for axis in range(1, 7))
-_NO_STAMP = 0
 _LEAP_NS = 1e9
 """No network holds a message back for so long without losing its link."""
 Message = tuple[int, list[float]]
@@ -66,13 +61,13 @@ class _Track:
             return
         stamp_ns, values = message
         self.ns.append(log_ns)
-        self.sent_ns.append(stamp_ns or (_NO_STAMP if sent_ns == log_ns else sent_ns))
+        self.sent_ns.append(stamp_ns or (NO_STAMP if sent_ns == log_ns else sent_ns))
         self.values.append(values)
 
 
 def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
-    bag = Bag(data, where)
+    bag = bag_of(data, where)
     tracks = _read(bag, rig)
     doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
     begin_ns = min(min(one.ns) for one in tracks.values())  # since 1970, a float has steps of 256 ns
@@ -101,8 +96,8 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
     order = np.argsort(np.array(track.ns), kind="stable")
     ns, sent_ns = (np.array(one, dtype=np.int64)[order] for one in (track.ns, track.sent_ns))
     values = np.array(track.values)[order]
-    has_clock = bool((sent_ns != _NO_STAMP).all() and np.ptp(sent_ns) > 0)
-    fresh = _newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
+    has_clock = bool((sent_ns != NO_STAMP).all() and np.ptp(sent_ns) > 0)
+    fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
     doubts = []
     total = len(ns) + track.lacking
     if track.lacking:
@@ -127,7 +122,7 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
     return {**fixed, **dict(zip(track.columns, values.T, strict=True))}, doubts
 
 
-def _newest(ns: Integers, sent_ns: Integers) -> Mask:
+def newest(ns: Integers, sent_ns: Integers) -> Mask:
     """Which messages (n,) have a later stamp than all before. A stamp from the future by itself is none of them: it
     would make all that follow old ones."""
     early_ns = ns - sent_ns  # a message is never received before it was sent, whatever the offset of the two clocks
@@ -142,29 +137,19 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
         raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
-    if not bag.is_whole:
-        remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
-        raise FileError(where, "is cut off: a bag ends as it begins", remedy)
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
-    tracks = {topic: _Track(_JOINT_STATE, _JOINT_COLUMNS, lambda one: _angles_deg(one, names))}
-    tracks |= {f"/{name}": _Track(_NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
+    tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda one: _angles_deg(one, names))}
+    tracks |= {f"/{name}": _Track(NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
     found: dict[str, str] = {}
-    try:
-        for message in bag.messages():
-            found[message.topic] = message.kind
-            track = tracks.get(message.topic)
-            if track and message.kind == track.schema:
-                track.add(message.log_ns, message.sent_ns, message.data)
-                if len(track.ns) > _MOST_MESSAGES:
-                    what = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
-                    raise FileError(where, what, "import it in several runs")
-    except FileError:
-        raise
-    except MemoryError:
-        raise out_of_memory(Path(where)) from None
-    except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise FileError(where, f"is damaged: {words_of(error)}", "copy the bag again") from None
+    for message in messages_of(bag):
+        found[message.topic] = message.kind
+        track = tracks.get(message.topic)
+        if track and message.kind == track.schema:
+            track.add(message.log_ns, message.sent_ns, message.data)
+            if len(track.ns) > _MOST_MESSAGES:
+                what = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
+                raise FileError(where, what, "import it in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(found.items()))[:300] or "no messages"
@@ -186,44 +171,13 @@ def _csv(found: Aligned, u_lag_s: float) -> bytes:
     return text.getvalue().encode()
 
 
-class _Cdr:
-    """A serialised message: the encapsulation header of four bytes, then fields, each at a multiple of its size."""
-
-    def __init__(self, data: bytes) -> None:
-        self._body = data[4:]
-        self._order = "<" if data[1] & 1 else ">"
-        self._at = 0
-
-    def take(self, code: str, count: int = 1) -> tuple[float, ...]:
-        size = struct.calcsize(code)
-        self._at += -self._at % size if count else 0
-        values = struct.unpack_from(f"{self._order}{count}{code}", self._body, self._at)
-        self._at += size * count
-        return values
-
-    def count(self) -> int:
-        """The length of what follows; no more than there is."""
-        return min(int(self.take("I")[0]), len(self._body))
-
-    def text(self) -> str:
-        size = self.count()
-        (held,) = struct.unpack_from(f"{size}s", self._body, self._at)
-        self._at += size
-        return str(held.rstrip(b"\0"), "utf-8", "replace")
-
-
 def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
     """The stamp and the six angles of a JointState; None where it lacks one."""
-    message = _Cdr(data)
-    seconds, nanoseconds = (int(one) for one in message.take("I", 2))
-    message.text()
-    joints = [message.text() for _ in range(message.count())]
-    positions = message.take("d", message.count())
-    placed = dict(zip(joints, positions, strict=False))
+    stamp_ns, placed = joint_state(data)
     if not set(names) <= placed.keys():
         return None
-    return seconds * 10**9 + nanoseconds, [float(np.degrees(placed[name])) for name in names]
+    return stamp_ns, [float(np.degrees(placed[name])) for name in names]
 
 
 def _number(data: bytes) -> Message | None:
-    return _NO_STAMP, [float(_Cdr(data).take("d")[0])]
+    return NO_STAMP, [number(data)]

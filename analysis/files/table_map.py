@@ -39,7 +39,8 @@ TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
 
 
 class Layout(Part):
-    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook."""
+    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook; topic: of the poses in a
+    bag."""
 
     encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
     separator: Separator = "comma"
@@ -49,6 +50,7 @@ class Layout(Part):
     units_line: int = Field(default=0, ge=0)
     first_line: int = Field(default=2, ge=1)
     sheet: Annotated[str, StringConstraints(max_length=200)] = ""
+    topic: Annotated[str, StringConstraints(max_length=500)] = ""
 
 
 class Angles(Part):
@@ -107,7 +109,8 @@ class TableMap(Part):
     files: how each of its files is written, in the order in which they are given. join: how several files belong
     together, `rows` or a column that each of them has. joints, commanded, place, residual, turn: of poses; sees:
     whether the instrument says where the tool is, or, as a camera on the tool, where the tool sees what stands in the
-    cell. columns: of the other tests, by the names of docs/tables.md. assumed: what is not confirmed.
+    cell; stops: that rows without joints are stops of the ISO 9283 cube, each known by its place. columns: of the other
+    tests, by the names of docs/tables.md. assumed: what is not confirmed.
     """
 
     files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
@@ -118,6 +121,7 @@ class TableMap(Part):
     residual: Residual | None = None
     turn: Turn | None = None
     sees: Literal["the tool", "from the tool"] = "the tool"
+    stops: Literal["of the cube"] | None = None
     columns: dict[Name, Column] = Field(default_factory=dict, max_length=100)
     assumed: tuple[Name, ...] = ()
 

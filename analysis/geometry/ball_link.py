@@ -1,4 +1,4 @@
-"""What the gauges on the ball link read: docs/geometry.md, "Circle test".
+"""What the gauges on the ball link read: docs/conventions.md, "Circle test".
 
 The link's disk stays perpendicular to the line from the tool P to the ball B. A gauge at offset w along e
 reads along z_T to the disk's plane: g = (s - w (l·e)) / (l·z_T), l the unit vector from P to B.

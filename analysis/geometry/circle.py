@@ -1,6 +1,6 @@
 """The circle of the yaw and roll tests: its frame, the tool's nominal poses on it, the angle of a point.
 
-docs/geometry.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent).
+docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent).
 """
 
 from __future__ import annotations

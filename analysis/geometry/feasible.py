@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.geometry.circle import reversals
+from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.programs import circle_program, radial_program, repeatability_targets
 from analysis.kinematics.arm import arm_of
 from rigs.errors import FileError, RigPlace
@@ -18,7 +19,7 @@ def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileErro
     """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
     rig; a repeatability test needs targets that the hemisphere has."""
     lines, errors = [], []
-    for test in (_circle, _hemisphere, _repeatability):
+    for test in (_circle, _hemisphere, _repeatability, _iso9283):
         try:
             with named_by(file, rig):
                 lines += test(rig)
@@ -57,3 +58,12 @@ def _repeatability(rig: Rig) -> list[str]:
         return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
     repeatability_targets(rig)
     return []
+
+
+def _iso9283(rig: Rig) -> list[str]:
+    if rig.tests.iso9283 is None:
+        return []
+    cube = cube_of(rig)
+    where = ", ".join(f"{one:.6g}" for one in cube.centre_mm)
+    found = ", found where there is room" if cube.found else ""
+    return [f"ISO 9283 cube of {cube.side_mm:g} mm about {where} mm: reachable on its whole plane{found}"]

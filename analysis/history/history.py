@@ -20,6 +20,7 @@ from rigs.schema.limits import Limit, Limits
 WATCHED = (
     *("band_deg", "circular_deviation_mm"),
     *(f"play_j{axis}_deg" for axis in range(1, 7)),
+    *(f"friction_j{axis}_a" for axis in range(1, 7)),
     *("band_mm", "spread_mean_mm", "rp_mean_mm"),
     *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
     *("rms_mm", "rms_deg", "repeat_mm"),

@@ -21,8 +21,19 @@ from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, pat
 from analysis.model.scene import Scene
 from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PlaceTable, RadialTable, RepeatabilityTable, Table, TouchTable, test_of
+from analysis.traces.tables import (
+    CircleTable,
+    Evidence,
+    PathTable,
+    PlaceTable,
+    RadialTable,
+    RepeatabilityTable,
+    Table,
+    TouchTable,
+    test_of,
+)
 from rigs.effects import Effect
+from rigs.errors import FileError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -31,12 +42,15 @@ if TYPE_CHECKING:
 # Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
 
 
+NO_JOINTS = "is a path, without the joints at each place, so it shows nothing of single joints"
+
+
 @dataclass(frozen=True)
 class Observation:
     """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
     with equal names of their set-up share it."""
 
-    table: Table
+    table: Evidence
     path: Path
     rows: Integers
     values: Array
@@ -57,7 +71,9 @@ class Observation:
 
 def observe(model: Model, table: Table, where: str) -> Observation:
     """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
-    is not a circle of the rig."""
+    is not a circle of the rig, or has no joint angles."""
+    if isinstance(table, PathTable):
+        raise FileError(where, NO_JOINTS, "give poses, touches or circles")
     if isinstance(table, CircleTable):
         rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
         return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))

@@ -33,7 +33,7 @@ _SEED, _SHUFFLES = 0, 5
 """The seed of the draw, so that the same command plans the same, and how many random choices are compared. Chosen."""
 _LEVEL = 5.0
 """Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
-(docs/ur10.md)."""
+(docs/trials.md)."""
 _SET_UP_SIGMA = 30.0
 """How little instrument and target are known beforehand: what they may do to a reading, in standard deviations of the
 noise. As good as not at all; more would only round the covariance of all places."""

@@ -11,6 +11,7 @@ from analysis.conventions.check import findings_of
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
 from analysis.inference.observation import (
+    NO_JOINTS,
     Observation,
     ObservedRun,
     by_socket,
@@ -24,7 +25,7 @@ from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import by_accident
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PlaceTable, Table
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -45,6 +46,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     convention is another than labelled, and runs of a set-up that absorbs all of their readings (m, k), are left out.
     Raises FileError for a run of another robot, and where a convention leaves no run of the first use.
     """
+    uses, doubts = _with_joints(uses)
     runs = [run for use in uses for run in use]
     names = [run.run.manifest.name for run in runs]
     use_of = [number for number, use in enumerate(uses) for _ in use]
@@ -54,9 +56,8 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
     pieces = [(k, replace(seen[k], one=one)) for k in kept for one in by_socket(seen[k].one)]
-    found, doubts = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
-    for k, finding in reversed(wrong.items()):
-        doubts.insert(0, f"{names[k]} is left out: {finding.words}")
+    found, split = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
+    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + split
     doubts += _likely(found_wrong)
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
@@ -66,6 +67,16 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
         parts.append([own[k] for k in enough])
         doubts += too_few
     return parts, doubts
+
+
+def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
+    """Return the runs of each use without paths, and a message for each of those. Raises FileError where nothing is
+    left of the first."""
+    kept = tuple([run for run in use if not isinstance(run.table, PathTable)] for use in uses)
+    paths = [run for use in uses for run in use if isinstance(run.table, PathTable)]
+    if paths and not kept[0]:
+        raise FileError(str(paths[0].path), NO_JOINTS, "give poses, touches or circles as well")
+    return kept, [f"{run.run.manifest.name} is left out: it {NO_JOINTS}" for run in paths]
 
 
 def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:

@@ -437,9 +437,15 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
     stay together."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
-    places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
+    places, place = _places(q)
     _, group = kmeans2(places, min(GROUPS, max(1, len(places) // _FEWEST_OF_A_GROUP)), minit="++", rng=rng)
-    return np.asarray(group[place.ravel()], dtype=np.int64)
+    return np.asarray(group[place], dtype=np.int64)
+
+
+def _places(q: Array) -> tuple[Array, Integers]:
+    """Return the different places (p, 6) rad of joint angles q (n, 6) rad, and which (n,) of them each row is."""
+    places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
+    return places, np.asarray(place.ravel(), dtype=np.int64)
 
 
 def folds_of(q: Array, folds: int) -> Integers:
@@ -458,13 +464,15 @@ def without_a_fold(
     runs: Sequence[ObservedRun], folds: int = 5, fold: int = 0
 ) -> tuple[list[ObservedRun], list[ObservedRun]]:
     """Return runs of poses without one fold of their neighbourhoods, and the runs of that fold. Other runs, and runs of
-    few poses, stay whole."""
+    few poses, or of few that are visited often as a cube's, stay whole."""
     used, left_out = [], []
     for run in runs:
-        if not isinstance(run.one.table, PlaceTable) or len(run.one.rows) < _FEWEST * GROUPS:
+        q = run.one.table.q[run.one.rows]
+        few = len(q) < _FEWEST * GROUPS or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
+        if not isinstance(run.one.table, PlaceTable) or few:
             used.append(run)
             continue
-        out = folds_of(run.one.table.q[run.one.rows], folds) == fold
+        out = folds_of(q, folds) == fold
         used.append(replace(run, one=part(run.one, ~out)))
         left_out.append(replace(run, one=part(run.one, out)))
     return used, left_out

@@ -1,6 +1,6 @@
 """The circle in braille dots: the error as it grows around it, acw and cw over each other, magnified.
 
-Seen against the circle's normal, phi = 0 to the right and growing anticlockwise, as in docs/geometry.md.
+Seen against the circle's normal, phi = 0 to the right and growing anticlockwise, as in docs/conventions.md.
 """
 
 from __future__ import annotations

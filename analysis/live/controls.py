@@ -37,7 +37,7 @@ KEYS = (
     ("?  h", "this help"),
     ("q", "quit"),
 )
-_TESTS = tuple(test for test in get_args(TestName) if test != "pose")
+_TESTS = tuple(test for test in get_args(TestName) if test not in ("pose", "path"))
 _ZEROED = "zero: an offset of this view, noted in a run that s starts; recorded readings stay as they are"
 _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from analysis.geometry.hemisphere import target_angles
+from analysis.geometry.iso_cube import cube_of, iso9283_of
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import arm_of
-from analysis.measures import pose, radial, repeatability, roll, touch, yaw
+from analysis.measures import path, pose, radial, repeatability, roll, touch, yaw
 from analysis.measures.link_angle import CircleResult
+from analysis.measures.path import PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.repeatability import RepeatabilityResult
@@ -15,11 +17,12 @@ from analysis.measures.touch import TouchResult
 from analysis.model.predict import model_of
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import FEWEST_AXES
 
-Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult
+Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult | PathResult
 
 TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
@@ -39,7 +42,12 @@ def evaluate(
     Raises FileError where it is not a valid measurement of its test.
     """
     if isinstance(table, PoseTable):
-        return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)
+        iso = rig.tests.iso9283
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == FEWEST_AXES else None
+        arm, instrument = arm_of(rig.robot), iso.instrument if iso else None
+        return pose.evaluate(table, arm, TRACKER_U_MM, where=where, cube=cube, instrument=instrument)
+    if isinstance(table, PathTable):
+        return path.evaluate(table, cube_of(rig), iso9283_of(rig).instrument, where)
     if isinstance(table, TouchTable):
         return touch.evaluate(table, model_of(rig), where)
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm

@@ -147,7 +147,7 @@ class AngleTest:
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
         """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of
-        docs/geometry.md."""
+        docs/conventions.md."""
         return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
 
 

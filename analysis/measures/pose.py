@@ -24,9 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.conventions.lost_poses import without_lost
+from analysis.geometry.iso_cube import Cube
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
-from analysis.kinematics.arm import Arm, Array, Integers, forward
+from analysis.kinematics.arm import Arm, Array, Integers, forward, transform
 from analysis.measures.checks import hold_numbers
+from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
@@ -36,6 +38,7 @@ from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
+from rigs.schema.declared_tests import Instrument
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -43,6 +46,8 @@ if TYPE_CHECKING:
 SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
 _FEWEST = 6
+_FEW_POSES = 20
+"""Poses of which a fit of frame and tool, nine numbers, takes a good part of the error. Chosen."""
 _MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
 """An arm by its nominal constants errs by some mm; one larger than this and than so many times its u is doubtful."""
 _BLIND = 1e-3
@@ -68,13 +73,14 @@ def evaluate(
     table: PoseTable,
     arm: Arm,
     u_mm: float,
-    u_rad: float | None = None,
     where: str = "the pose table",
     same_rad: float = SAME_RAD,
+    cube: Cube | None = None,
+    instrument: Instrument | None = None,
 ) -> PoseResult:
-    """arm: nominal; its base and tool are replaced by the fitted. u_mm, u_rad: standard uncertainty of one coordinate
-    and of one rotation of the instrument, assumed where no pose was visited again; without u_rad the orientation's
-    uncertainty is nan there.
+    """arm: nominal; its base and tool are replaced by the fitted, but for AP where the instrument's frame is known.
+    u_mm: standard uncertainty of one coordinate of the instrument, assumed where no pose was visited again; the
+    orientation's uncertainty is nan there. cube: whose poses have figures of their own (`analysis.measures.cube`).
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
@@ -100,16 +106,21 @@ def evaluate(
     )
     place = turn = None
     if len(again):
-        seen = _padded(position, group, again)
+        placed, twisted = (position, rotation) if instrument is None else _in_frame(arm, table, instrument)
+        seen = _padded(placed, group, again)
         place = scatter_of(seen, 0.0)
-        figures, notes = of_scatter(place_figures, seen, place), _few(group, again)
-        if rotation is not None:
-            turned = np.degrees(_padded(rotation, group, again))
+        pose = poses_of_cube(table.q, cube)
+        plain = by_pose(np.array([pose[group == number][0] for number in again]), place_figures)
+        figures, notes = of_scatter(plain, seen, place), _few(group, again)
+        if twisted is not None:
+            turned = np.degrees(_padded(twisted, group, again))
             turn = scatter_of(turned, 0.0)
             figures |= of_scatter(turn_figures, turned, turn)
+        figures, said = _with_frame(figures, instrument, int(group.max()) + 1)
+        figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *said]
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
-        of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
+        of_turn = _noise(turn, group, again, np.nan)
         figures |= _rotation_figures(rotation, np.radians(of_turn))
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
@@ -117,6 +128,34 @@ def evaluate(
         notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
     notes = [*kept.notes, *_misfit(figures["rms_mm"]), *_blind(setup), *notes]
     return PoseResult(setup, position, rotation, group, figures, len(T), tuple(notes), kept.rows)
+
+
+def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
+    """Errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the instrument's
+    frame as it was measured: nothing is fitted."""
+    T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
+    to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
+    place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
+    if table.rpy is None:
+        return place, None
+    known = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
+    return place, _turns_left(T, _turns_seen(table.rpy, known), np.eye(3))
+
+
+def _with_frame(
+    figures: dict[str, Quantity], instrument: Instrument | None, poses: int
+) -> tuple[dict[str, Quantity], list[str]]:
+    """The figures with what the instrument's frame adds to u of AP, and a note where the frame was fitted to few
+    poses."""
+    if instrument is None:
+        few = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
+        remedy = "give tests.iso9283.instrument, a frame that was measured by itself"
+        return figures, [f"{few}; {remedy}"] * (poses <= _FEW_POSES)
+    known = {
+        name: replace(one, u=float(np.hypot(one.u, instrument.u_mm))) if name[:3] == "ap_" and one.unit == "mm" else one
+        for name, one in figures.items()
+    }
+    return known, ["AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted"]
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:

@@ -24,7 +24,7 @@ _WITHOUT_U = 4
 """Decimals of a figure whose uncertainty is not known."""
 PLACE = "_at_deg"
 """Ending of the names of places on the circle."""
-_SIGNS = {"c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
+_SIGNS = {"a": "A", "c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 
 @dataclass(frozen=True)

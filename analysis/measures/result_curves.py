@@ -13,7 +13,9 @@ from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.evaluate import Evaluated
+from analysis.measures.iso_figures import rp
 from analysis.measures.link_angle import CircleResult, error_of
+from analysis.measures.path import FEWEST_CYCLES, PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
@@ -108,7 +110,32 @@ class PoseCurve(Tabular):
         return pa.table(row | place | {"distance_mm": self.distance_mm} | turn)
 
 
-ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve
+@dataclass(frozen=True)
+class PathCurve(Tabular):
+    """The paths of ISO 9283, station by station (m,), all paths one after the other.
+
+    path (m,): its name; s_mm (m,): the way from its beginning, share (m,) of all of it. place_mm (m, 3): the command,
+    off_mm (m, 3): the mean of all cycles less the command, both along the cube's plane, level and rising, and across
+    it. at_mm, rt_mm (m,): AT and RT at the station, RT nan of fewer than three cycles.
+    """
+
+    path: NDArray[np.str_]
+    s_mm: Array
+    share: Array
+    place_mm: Array
+    off_mm: Array
+    at_mm: Array
+    rt_mm: Array
+
+    def to_table(self) -> pa.Table:
+        """One row for each station: path, s_mm, x_mm … of the command, dx_mm … of the deviation, at_mm, rt_mm."""
+        place = dict(zip(("x_mm", "y_mm", "z_mm"), self.place_mm.T, strict=True))
+        off = dict(zip(("dx_mm", "dy_mm", "dz_mm"), self.off_mm.T, strict=True))
+        along = {"path": self.path.tolist(), "s_mm": self.s_mm}
+        return pa.table(along | place | off | {"at_mm": self.at_mm, "rt_mm": self.rt_mm})
+
+
+ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathCurve
 
 
 def curve_of_result(found: Evaluated) -> ResultCurve:
@@ -129,6 +156,8 @@ def curve_of_result(found: Evaluated) -> ResultCurve:
             return PoseCurve(found.position_mm, rotation_deg)
         case TouchResult():
             return PoseCurve(found.position_mm, None)
+        case PathResult():
+            return _of_paths(found)
 
 
 def _of_circle(found: CircleResult) -> CircleCurve:
@@ -140,6 +169,21 @@ def _of_circle(found: CircleResult) -> CircleCurve:
         error_u_deg=np.degrees(error.std(axis=0)),
         deviation_mm=found.distance.deviation_mm,
     )
+
+
+def _of_paths(found: PathResult) -> PathCurve:
+    cube, parts = found.cube, list[tuple[Array, ...]]()
+    axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
+    names: list[str] = []
+    for name, one in found.driven.paths.items():
+        mean, many = one.off_mm.mean(axis=0), len(one.places) >= FEWEST_CYCLES
+        repeat = rp(np.swapaxes(one.off_mm, 0, 1)) if many else np.full(len(mean), np.nan)
+        place = (one.command.at(one.s_mm) - cube.centre_mm) @ axes.T
+        parts.append(
+            (one.s_mm, one.s_mm / one.command.length_mm, place, mean @ axes.T, np.linalg.norm(mean, axis=1), repeat)
+        )
+        names += [name] * len(mean)
+    return PathCurve(np.array(names), *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _of_repeatability(found: RepeatabilityResult) -> RepeatabilityCurve:

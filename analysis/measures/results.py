@@ -167,6 +167,8 @@ def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None) -> Re
         distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
+    friction = measured.condition.friction or {}
+    figures |= {f"friction_j{axis}_a": Quantity(one.current_a, one.u_a, "a") for axis, one in friction.items()}
     return Result(measured, found, figures)
 
 

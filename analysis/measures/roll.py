@@ -3,7 +3,7 @@
 roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the
 ball along n gives the constant atan(h/R), which cannot be distinguished from a difference of the gauges' zeros. A sine
 that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
-(docs/geometry.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
+(docs/conventions.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
 135° apart, so the range of the whole angle is reported beside the band.
 
 Figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg; range_deg of the

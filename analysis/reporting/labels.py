@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm"})
+LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm", "line_at_mm"})
 """Printed bold: what the paper reports."""
 
 _LABELS = {
@@ -59,6 +59,31 @@ _LABELS = {
     "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
     "socket_distance_mm": "distance of the sockets, by the arm",
     "repeat_mm": "scatter of one coordinate",
+    "ap_p1_mm": "AP of P1",
+    "rp_p1_mm": "RP of P1",
+    "ap_p2_mm": "AP of P2",
+    "rp_p2_mm": "RP of P2",
+    "ap_p3_mm": "AP of P3",
+    "rp_p3_mm": "RP of P3",
+    "ap_p4_mm": "AP of P4",
+    "rp_p4_mm": "RP of P4",
+    "ap_p5_mm": "AP of P5",
+    "rp_p5_mm": "RP of P5",
+    "ad_mm": "distance accuracy AD, P2 to P4",
+    "rd_mm": "distance repeatability RD",
+    "line_at_mm": "path accuracy AT, line (ISO 9283)",
+    "line_rt_mm": "path repeatability RT, line",
+    "circle_at_mm": "AT, large circle",
+    "circle_rt_mm": "RT, large circle",
+    "small_circle_at_mm": "AT, small circle",
+    "small_circle_rt_mm": "RT, small circle",
+    "corner_round_mm": "cornering round-off CR",
+    "corner_overshoot_mm": "corner overshoot CO",
+    "f_max_mm": "radial deviation F, largest (ISO 230-4)",
+    "f_min_mm": "radial deviation F, smallest",
+    "d_mm": "mean radial deviation D, both directions",
+    "speed_mm_s": "speed along the path",
+    **{f"friction_j{axis}_a": f"friction of axis {axis}" for axis in range(1, 7)},
     "ap_a_deg": "accuracy AP a, about x",
     "ap_b_deg": "accuracy AP b, about y",
     "ap_c_deg": "accuracy AP c, about z",

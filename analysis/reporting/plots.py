@@ -15,8 +15,10 @@ from matplotlib.figure import Figure
 from analysis.measures.lap_curve import at_resolution
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import PHI
-from analysis.measures.result_curves import JointReversal, PoseCurve, RadialCurve, RepeatabilityCurve
+from analysis.measures.result_curves import JointReversal, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result, by_test
+from analysis.reporting.iso_plots import draw_along, draw_plane
+from analysis.reporting.iso_views import PlaneView, cube_view, path_view
 from analysis.reporting.sheet import Sheet
 
 if TYPE_CHECKING:
@@ -44,10 +46,17 @@ def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:
         return
     for name, result in distinctly_named(results):
         yield f"{stem}-{name}.png", partial(_save_other, result)
+        view = cube_view(result)
+        if view is not None:
+            yield f"{stem}-{name}-cube.png", partial(_save_cube, result, view)
 
 
 def _save_other(result: Result, file: BinaryIO) -> None:
     _other_figure(result).savefig(file, format="png", dpi=150)
+
+
+def _save_cube(result: Result, view: PlaneView, file: BinaryIO) -> None:
+    cube_figure(result, view).savefig(file, format="png", dpi=150)
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
@@ -67,6 +76,8 @@ def _other_figure(result: Result) -> Figure:
             return repeatability_figure(result, result.curve)
         case PoseCurve():
             return pose_figure(result, result.curve)
+        case PathCurve():
+            return path_figure(result, result.curve)
     raise TypeError(result.test)
 
 
@@ -144,6 +155,29 @@ def pose_figure(result: Result, curve: PoseCurve) -> Figure:
     often.hist(error, bins=max(_LEAST_BINS, len(error) // 25), orientation="horizontal", color=_INK["cw"], alpha=0.7)
     label_axes(often, "poses", "")
     along.text(0.01, 0.98, f"rms {result.figures['rms_mm']}", transform=along.transAxes, va="top", fontsize=9)
+    return figure
+
+
+def cube_figure(result: Result, view: PlaneView) -> Figure:
+    """The stops of the cube on its inclined plane, their scatter enlarged."""
+    figure = _blank(result, "Poses of the ISO 9283 cube", 6.5, 7.0)
+    axes = figure.subplots()
+    draw_plane(axes, view, points=True)
+    label_axes(axes, "level / mm", "rising / mm")
+    names = ("ap_mm", "rp_mm", "ad_mm", "rd_mm")
+    text = "\n".join(f"{name[:2].upper()} {result.figures[name]}" for name in names if name in result.figures)
+    axes.text(0.02, 0.62, text, transform=axes.transAxes, va="bottom", fontsize=9)
+    return figure
+
+
+def path_figure(result: Result, curve: PathCurve) -> Figure:
+    """The paths on the cube's plane, enlarged, and the deviation along each."""
+    figure = _blank(result, "Paths of ISO 9283", 11, 5.6)
+    plane, along = figure.subplots(1, 2)
+    draw_plane(plane, path_view(curve), points=False)
+    label_axes(plane, "level / mm", "rising / mm")
+    draw_along(along, curve)
+    label_axes(along, "way along the path / %", "deviation of the mean / µm")
     return figure
 
 

@@ -42,6 +42,18 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
     return [*both.refused, *([_of_lag(both.lag, _rate(both))] if both.lag is not None else [])]
 
 
+def warmth_in_words(group: Sequence[Result]) -> list[str]:
+    """How warm the joints of each run were, where its robot showed it, one line each."""
+    lines = []
+    for result in group:
+        if warmth := result.measured.condition.warmth:
+            means, rises = ([getattr(one, key) for one in warmth.values()] for key in ("mean_c", "rise_c"))
+            most = max(rises, key=abs)
+            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C"
+            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
+    return lines
+
+
 def _rate(both: Pairs) -> float:
     """How fast the circle was driven, rad/s."""
     found = both.runs[0][0].found

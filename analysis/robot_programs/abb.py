@@ -117,8 +117,9 @@ def _move(step: Move, data: dict[str, str]) -> str:
             joints = f"jointtarget @:=[[{listed(np.degrees(target.q), DEG_DECIMALS)}],{_NO_EXTERNAL}]"
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
             return f"MoveAbsJ {_named(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"
-        case Line(target, speed_mm_s):
-            return f"MoveL {_point(target.T, data)},{_speed(speed_mm_s, _TURN_DEG_S, data)},fine,{frames};"
+        case Line(target, speed_mm_s, stops):
+            speed, zone = _speed(speed_mm_s, _TURN_DEG_S, data), "fine" if stops else "z0"
+            return f"MoveL {_point(target.T, data)},{speed},{zone},{frames};"
         case Turn(target, _, speed_rad_s):
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
             return f"MoveL {_point(target.T, data)},{speed},fine,{frames};"

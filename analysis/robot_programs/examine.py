@@ -101,12 +101,14 @@ def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:
     lines = [
         f"within the limits; {names[tight]} comes nearest to one, {room[tight]:.0f}° from it",
         f"conditioning {demand.least_conditioning:.2g} where it is least (0 is a singularity)",
-        f"the tool stays {demand.distance_mm[0]:.2f} … {demand.distance_mm[1]:.2f} mm from the base-ball",
     ]
+    if plan.has_link:
+        low_mm, high_mm = demand.distance_mm
+        lines.append(f"the tool stays {low_mm:.2f} … {high_mm:.2f} mm from the base-ball")
     if demand.least_conditioning < _NEAR_SINGULAR:
         axes = ", ".join(map(str, cancelling_axes(plan.arm, demand.q_there)))
         lines[1] += f": near one, where axes {axes} cancel each other; watch the first run"
-    if demand.removals:
+    if demand.removals and plan.has_link:
         lines.append(
             f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
         )

@@ -104,9 +104,9 @@ def _move(arm: Arm, step: Move, positions: dict[str, int]) -> str:
         case JointMove(target, speed_rad_s):
             number = _number(_joints(target.q), positions)
             return f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"
-        case Line(target, speed_mm_s):
+        case Line(target, speed_mm_s, stops):
             number = _number(_cartesian(arm, target), positions)
-            return f"L P[{number}] {_plain(speed_mm_s)}mm/sec FINE"
+            return f"L P[{number}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT0'}"
         case Turn(target, _, speed_rad_s):
             number = _number(_cartesian(arm, target), positions)
             return f"L P[{number}] {_plain(np.degrees(speed_rad_s))}deg/sec FINE"

@@ -117,8 +117,8 @@ def _move(arm: Arm, step: Move, points: dict[str, str]) -> list[str]:
         case JointMove(target, speed_rad_s):
             percent = percent_of_axes(arm, speed_rad_s)
             return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {_axes(target.q, points)}"]
-        case Line(target, speed_mm_s):
-            return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}"]
+        case Line(target, speed_mm_s, stops):
+            return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
         case Turn(target, _, speed_rad_s):
             speed = fixed(float(np.degrees(speed_rad_s)), 1)
             return [f"$VEL.ORI1 = {speed}", f"$VEL.ORI2 = {speed}", f"LIN {_point(target.T, points)}"]

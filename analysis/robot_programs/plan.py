@@ -39,11 +39,12 @@ class JointMove:
 
 @dataclass(frozen=True)
 class Line:
-    """The tool straight to a target and a stop there, the arm's posture kept; q (n, 6) rad: the joint angles at even
-    distances along it, ends included."""
+    """The tool straight to a target, the arm's posture kept; stops: there, otherwise the next line continues at the
+    same speed. q (n, 6) rad: the joint angles at even distances along it, ends included."""
 
     target: Target
     speed_mm_s: float
+    stops: bool = True
     q: Array = field(kw_only=True)
 
 

@@ -23,7 +23,7 @@ from analysis.geometry.programs import (
     repeatability_stops,
     way_back,
 )
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.kinematics.follow import follow
 from analysis.robot_programs.over_sphere import over_sphere
 from analysis.robot_programs.plan import (
@@ -40,6 +40,7 @@ from analysis.robot_programs.plan import (
     Target,
     in_base,
 )
+from analysis.robot_programs.poses import targets_at
 from analysis.robot_programs.ways import straight
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
@@ -139,8 +140,8 @@ def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:
 
 
 def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
-    targets = _targets(rig, radial_stops(rig))
     arm, centre, radius = _sphere(rig)
+    targets = targets_at(arm, radial_stops(rig))
     steps: list[Step] = [Dwell(dwell_s)]
     at, known = targets[0], dict[bytes, tuple[list[Step], Target]]()
     for target in targets[1:]:
@@ -155,10 +156,10 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     plan = repeatability_of(rig)
     stops = repeatability_stops(rig).reshape(len(plan.targets), -1, 6)
     arm, centre, radius = _sphere(rig)
-    first = _targets(rig, stops[0, :1])[0]
+    first = targets_at(arm, stops[0, :1])[0]
     at, steps = first, list[Step]()
     for number, angles in zip(plan.targets, stops, strict=True):
-        target, *around = _targets(rig, angles)
+        target, *around = targets_at(arm, angles)
         way, at = over_sphere(arm, at, target, centre, radius)
         steps += [Comment(f"target {number}"), *way, Dwell(dwell_s)]
         for aside, again in zip(around[::2], around[1::2], strict=True):
@@ -177,12 +178,6 @@ def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
         raise FileError(where, "a target is so near a singularity that a joint is too slow", "choose other targets")
     arrived = replace(end, q=q[-1])
     return Line(arrived, _APPROACH_MM_S, q=q), arrived
-
-
-def _targets(rig: Rig, q: Array) -> list[Target]:
-    """Targets at joint angles q (n, 6) rad."""
-    arm = arm_of(rig.robot)
-    return [Target(T, at) for T, at in zip(in_base(arm, forward(arm, q)), q, strict=True)]
 
 
 def _sphere(rig: Rig) -> tuple[Arm, Array, float]:

@@ -76,8 +76,9 @@ def _move(step: Move) -> str:
         case JointMove(target, speed_rad_s):
             joints = listed(target.q, _DECIMALS)
             return f"movej([{joints}], a={fixed(_JOINT_ACCELERATION, 3)}, v={fixed(speed_rad_s, 6)})"
-        case Line(target, speed_mm_s):
-            return f"movel({_pose(target.T)}, {_speed(speed_mm_s)})"
+        case Line(target, speed_mm_s, stops):
+            blend = "" if stops else f", r={fixed(ZONE_MM / 1e3, 5)}"
+            return f"movel({_pose(target.T)}, {_speed(speed_mm_s)}{blend})"
         case Turn(target, angle, speed_rad_s):
             return f"movel({_pose(target.T)}, t={fixed(angle / speed_rad_s, 3)})"
         case Arc(via, end, speed_mm_s, stops):

@@ -104,8 +104,8 @@ def _move(arm: Arm, step: Move, positions: list[str]) -> list[str]:
         case JointMove(target, speed_rad_s):
             percent = fixed(percent_of_axes(arm, speed_rad_s), 2)
             return [f"MOVJ {_position(arm, target, positions)} VJ={percent} PL=0"]
-        case Line(target, speed_mm_s):
-            return [f"MOVL {_position(arm, target, positions)} {_speed(speed_mm_s)} PL=0"]
+        case Line(target, speed_mm_s, stops):
+            return [f"MOVL {_position(arm, target, positions)} {_speed(speed_mm_s)} PL={0 if stops else 1}"]
         case Turn(target, _, speed_rad_s):
             speed = fixed(float(np.degrees(speed_rad_s)), 1)
             return [f"MOVL {_position(arm, target, positions)} VR={speed} PL=0"]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import yaml
 
@@ -188,7 +189,7 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
             circle, own = moved.tests.circle, rig.tests.circle
             if moved.robot != rig.robot or (circle and own and circle.radius_mm != own.radius_mm):
                 return None
-            test: DrivenTest = next(one for one in further.tests if one != "pose" and one != "touch")  # noqa: PLR1714 - narrowed by mypy
+            test: DrivenTest = next(one for one in get_args(DrivenTest) if one in further.tests)
             is_moved = circle != own
             name = f"circle-{number}" if is_moved else test
             where = words.removeprefix("circle ") if is_moved else None

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from daq.store import durable
 from rigs.errors import CellError, FileError
-from rigs.files import read_text
+from rigs.files import of_newer_rig, read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
@@ -262,6 +262,8 @@ class Place:
         try:
             return Session.model_validate(data)
         except ValidationError as error:
+            if newer := of_newer_rig(str(self.file), error):
+                raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
     def write(self, session: Session) -> None:

@@ -35,7 +35,7 @@ from rigs.schema.vocabulary import Direction
 # ----------------------------------------------------------------------------------------------------------------------
 # Where a driven circle starts and which way is anticlockwise: normal, zero direction and posture.
 #
-# docs/geometry.md has the tool's x axis along the normal, so the tool decides its sign where it was held so;
+# docs/conventions.md has the tool's x axis along the normal, so the tool decides its sign where it was held so;
 # otherwise the label of the run does. The acw circle starts where its angle is smallest, after the lead-in, and a cw
 # program drives the same joint angles back.
 

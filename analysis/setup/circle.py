@@ -15,7 +15,7 @@ from rigs.schema.robot import Robot
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
     """Return the circle that begins at these joint angles.
 
-    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/geometry.md).
+    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/conventions.md).
     """
     T = forward(arm_of(robot), np.radians([joints_deg]))[0]
     towards, normal = T[:3, 2], T[:3, 0]

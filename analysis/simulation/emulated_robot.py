@@ -16,14 +16,26 @@ import numpy as np
 from analysis.geometry.ball_link import angle
 from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, arm_of
 from analysis.measures.yaw import plain_figures
+from analysis.model.gravity import load_of, torques
 from analysis.noise.certificate import as_shown, link_excess_mm
+from analysis.simulation.motors import Motors
 from analysis.simulation.simulate import readings_along
 from daq import clock
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.condition import CONDITION, PROGRAM, SAFETY, ProgramState, SafetyState, words_of
+from rigs.schema.condition import (
+    CONDITION,
+    CURRENTS,
+    PROGRAM,
+    SAFETY,
+    TEMPERATURES,
+    ProgramState,
+    SafetyState,
+    words_of,
+)
+from rigs.schema.feedback import condition_columns
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _DWELL_S = 1.5
@@ -125,6 +137,9 @@ class EmulatedRobot:
         """What the robot showed before the present program switched anything."""
         self._shown: dict[str, float] = {}
         """What a person made it show of its condition."""
+        self._motors = Motors() if {*CURRENTS, *TEMPERATURES} & {*condition_columns(rig.feedback)} else None
+        self._torque_nm: Array | None = None
+        """The torques (n, 6) of gravity along the trace, once they were asked for."""
         self.finished = clock.Event()
         """Set while it stands."""
         self.finished.set()
@@ -161,7 +176,19 @@ class EmulatedRobot:
     def condition(self, now_ns: int) -> dict[str, float]:
         """What it shows of its condition, beyond that of a robot that drives undisturbed."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
-        return {PROGRAM: float(states.get(self.state(now_ns), ProgramState.STOPPED)), **self._shown}
+        state = states.get(self.state(now_ns), ProgramState.STOPPED)
+        return {PROGRAM: float(state), **self._of_motors(now_ns), **self._shown}
+
+    def _of_motors(self, now_ns: int) -> dict[str, float]:
+        """Currents and temperatures, where its controller shows any."""
+        if self._motors is None:
+            return {}
+        with self._lock:
+            if self._torque_nm is None:
+                self._torque_nm = torques(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q)
+            speed_rad_s = self._speed_rad_s(now_ns)
+            current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
+        return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
 
     def state(self, now_ns: int) -> State:
         """What its program does; done before the first."""
@@ -203,6 +230,7 @@ class EmulatedRobot:
         before = self.signal(now_ns)
         with self._lock:
             self._trace, self._signal_before, self._stopped = trace, before, False
+            self._torque_nm = None
             self._holds_s = tuple(sorted(trace.holds_s))
             self._pace = _Pace(now_ns + int(_STAND_S * 1e9), 0.0, 1.0, 1.0)
         self.finished.clear()
@@ -258,6 +286,15 @@ class EmulatedRobot:
         at_s, rate = self._pace.at(now_ns)
         until_s = min([self._trace.end_s, *self._holds_s[:1]])
         return min(at_s, until_s), rate
+
+    def _speed_rad_s(self, now_ns: int) -> Array:
+        """How fast each joint moves (6,); the caller holds the lock."""
+        (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
+        if not t_s[0] < at_s < self._trace.end_s:
+            return np.zeros(q.shape[1])
+        k = int(np.searchsorted(t_s, at_s))
+        speed: Array = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
+        return speed
 
     def _driven(self, program: str) -> Trace:
         match program:

@@ -22,6 +22,7 @@ from analysis.geometry.programs import (
 )
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
+from analysis.simulation.iso9283 import simulated_cube, simulated_path
 from analysis.simulation.touches import simulated_touches
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable, Table
 from rigs.effects import Effect, turned
@@ -55,11 +56,13 @@ def simulate(
 ) -> Table:
     """One run of a test, as it would be measured; `seed` None for no noise at all.
 
-    effects: instead of those of the rig file. Raises FileError where the robot cannot do the test, or for a pose
-    test, which has no program.
+    effects: instead of those of the rig file. Poses and paths are those of ISO 9283. Raises FileError where the robot
+    cannot do the test.
     """
     if test == "touch":
         return simulated_touches(rig, seed, effects)
+    if test in ("pose", "path"):
+        return simulated_path(rig, seed, effects) if test == "path" else simulated_cube(rig, seed, effects)
     hold_six(rig)
     if not rig.gauges.recorded:
         what = f"has no gauges, and a {test} test is measured with them"
@@ -117,9 +120,7 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
     if test == "radial":
         at = radial_program(rig)
         return RadialTable(at.target, at.polar, at.azimuth, at.orientation, _visits(len(at.q)), at.q, np.empty(0))
-    if test == "repeatability":
-        return _repeatability_table(rig)
-    raise FileError("pose test", "has no program that could be simulated", "give yaw, roll, radial or repeatability")
+    return _repeatability_table(rig)
 
 
 def _repeatability_table(rig: Rig) -> RepeatabilityTable:

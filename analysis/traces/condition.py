@@ -1,4 +1,5 @@
-"""What the robot showed of its condition while it drove: what disturbs a test, and how warm its joints were.
+"""What the robot showed of its condition while it drove: what disturbs a test, how warm its joints were, and
+what their friction took.
 
 The test is what lies between the robot's first and last motion. A stop, or a pause, may be what ended it, so those
 count from the first motion until the program has ended by itself: who then opens the gate disturbs nothing. Where the
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.traces.friction import Friction, friction_of
 from analysis.traces.lower_hull import Mask
 from rigs.schema.condition import (
     FULL_PERCENT,
@@ -50,10 +52,12 @@ class Warmth:
 
 @dataclass(frozen=True)
 class Condition:
-    """What a run shows of the robot beside its joints. doubts in words; warmth: by axis 1 … 6 where it is shown."""
+    """What a run shows of the robot beside its joints. doubts in words; warmth, friction: by axis 1 … 6 where they are
+    shown."""
 
     doubts: tuple[str, ...] = ()
     warmth: Mapping[int, Warmth] | None = None
+    friction: Mapping[int, Friction] | None = None
 
 
 NOT_SHOWN = Condition()
@@ -66,7 +70,7 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
         return NOT_SHOWN
     t_s = (stamps_ns - stamps_ns[0]) / 1e9
     q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
-    return Condition(tuple(_doubts(robot, t_s, *_motion(q_deg))), dict(_warmth(robot)))
+    return Condition(tuple(_doubts(robot, t_s, *_motion(q_deg))), dict(_warmth(robot)), friction_of(robot, t_s))
 
 
 def _motion(q_deg: Array) -> tuple[Mask, Mask]:

@@ -21,6 +21,7 @@ from analysis.traces.table_layout import (
 from analysis.traces.table_rules import hold_table
 from analysis.traces.tables import (
     CircleTable,
+    PathTable,
     PlaceTable,
     PoseTable,
     RadialTable,
@@ -49,6 +50,8 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
     if missing or not columns.num_rows:
         what = f"its table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, what, "import the table again")
+    if test == "path":
+        return PathTable(_floats(columns, "t_s"), _stack(columns, PLACE))
     q, rail = np.radians(_stack(columns, joint_columns(axes))), _has_rail(columns)
     if test in ("yaw", "roll"):
         if direction is None:
@@ -120,6 +123,8 @@ def columns_of(table: Table) -> pa.Table:
         case PoseTable():
             turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
             return _table({**joints, **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns})
+        case PathTable():
+            return _table({"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))})
         case TouchTable():
             came = {} if table.came_from is None else _joints(table.came_from, came_from_columns(axes), RAIL_FROM)
             return _table({SOCKET: table.socket.tolist(), **joints, **came})

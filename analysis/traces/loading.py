@@ -20,7 +20,7 @@ from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.dwells import radial_table, repeatability_table
 from analysis.traces.single_stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
-from analysis.traces.tables import CircleTable, PlaceTable, Table
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
@@ -184,7 +184,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
-    if isinstance(table, PlaceTable):
+    if isinstance(table, PlaceTable | PathTable):
         return NO_CERTIFICATE
     return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
 

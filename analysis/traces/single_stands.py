@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers, Mask
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 
 _STANDS_RAD = float(np.radians(0.01))
 """Joints that differ by less stood between two rows; an encoder's noise is a tenth of it (`analysis.traces.stands`)."""
@@ -19,7 +19,9 @@ _STANDS_MM = 1.0
 
 def one_row_a_stand(table: Table) -> Table:
     """A table with neighbouring rows of one stand averaged; circles, driven, as they are."""
-    if isinstance(table, CircleTable | TouchTable) or not len(table.q):  # a ball that is seated again is a touch
+    if isinstance(table, CircleTable | TouchTable | PathTable) or not len(
+        table.q
+    ):  # a ball that is seated again is a touch
         return table
     first = _begins(table)
     stand = np.cumsum(first) - 1
@@ -28,7 +30,7 @@ def one_row_a_stand(table: Table) -> Table:
 
 def rows_a_stand(table: Table) -> Integers:
     """How many rows each stand of a table has, (s,); none of a circle, which is driven."""
-    if isinstance(table, CircleTable | TouchTable) or not len(table.q):
+    if isinstance(table, CircleTable | TouchTable | PathTable) or not len(table.q):
         return np.empty(0, dtype=np.int64)
     return np.bincount(np.cumsum(_begins(table)) - 1)
 

@@ -1,4 +1,4 @@
-"""What each table of docs/geometry.md consists of: its columns, and what stands in them."""
+"""What each table of docs/tables.md consists of: its columns, and what stands in them."""
 
 from __future__ import annotations
 
@@ -58,6 +58,7 @@ LAYOUTS: dict[TestName, Layout] = {
     "repeatability": Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",)),
     "pose": Layout((*JOINTS, *PLACE), TURN),
     "touch": Layout((SOCKET, *JOINTS), came_from_columns(6)),
+    "path": Layout(("t_s", *PLACE)),
 }
 """Tables of an arm of six axes."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 
 LARGEST = 1e12
@@ -26,7 +26,7 @@ def hold_table(table: Table, where: str) -> None:
             row = int(np.argmin(good))
             what = f"row {row + 1} has {name} = {_listed(rows[row])}, which is no measured value"
             raise FileError(where, what, _REMEDY)
-    if isinstance(table, CircleTable):
+    if isinstance(table, CircleTable | PathTable):
         _hold_times(table, where)
     if isinstance(table, RadialTable | RepeatabilityTable):
         for name, count in _counts(table).items():
@@ -35,13 +35,13 @@ def hold_table(table: Table, where: str) -> None:
                 raise FileError(where, f"row {row + 1} has {name} = {count[row]}; it counts from 1", _REMEDY)
 
 
-def _hold_times(table: CircleTable, where: str) -> None:
+def _hold_times(table: CircleTable | PathTable, where: str) -> None:
     back = np.flatnonzero(np.diff(table.t_s) <= 0)
     if len(back):
         row = int(back[0]) + 1
         what = f"row {row + 1}: time does not increase, {table.t_s[row]:g} after {table.t_s[row - 1]:g} s"
         raise FileError(where, what, _REMEDY)
-    if table.u_t_s is not None and (table.u_t_s < 0).any():
+    if isinstance(table, CircleTable) and table.u_t_s is not None and (table.u_t_s < 0).any():
         row = int(np.argmax(table.u_t_s < 0))
         raise FileError(where, f"row {row + 1} has u_t_s = {table.u_t_s[row]:g}, below zero", _REMEDY)
 
@@ -55,6 +55,8 @@ def _numbers(table: Table) -> dict[str, Array]:
         case PoseTable():
             turns = {} if table.rpy is None else {"rpy": table.rpy}
             return {"q": table.q, "xyz_mm": table.xyz_mm, **turns}
+        case PathTable():
+            return {"t_s": table.t_s, "xyz_mm": table.xyz_mm}
         case TouchTable():
             came = {} if table.came_from is None else {"came_from": table.came_from}
             return {"q": table.q, **came}

@@ -111,9 +111,24 @@ class TouchTable:
         return np.zeros((len(self.q), 3))
 
 
+@dataclass(frozen=True)
+class PathTable:
+    """What a tracker wrote while the tool followed paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
+
+    t_s: Array
+    xyz_mm: Array
+
+    @property
+    def q(self) -> Array:
+        """No joints (n, 0): a tracker reads none, and its clock is not the robot's."""
+        return np.empty((len(self.t_s), 0))
+
+
 PlaceTable = PoseTable | TouchTable
-"""Tables whose readings are places, three coordinates a row."""
-Table = CircleTable | RadialTable | RepeatabilityTable | PlaceTable
+"""Tables whose readings are places, three coordinates a row, each of a posture."""
+Evidence = CircleTable | RadialTable | RepeatabilityTable | PlaceTable
+"""Tables of what was read beside joint angles, from which an arm is diagnosed."""
+Table = Evidence | PathTable
 
 
 def test_of(table: Table) -> TestName:
@@ -129,3 +144,5 @@ def test_of(table: Table) -> TestName:
             return "pose"
         case TouchTable():
             return "touch"
+        case PathTable():
+            return "path"

@@ -24,10 +24,13 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
+from functools import partial
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
+from daq.protocol.numerals import plausible
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
@@ -73,7 +76,7 @@ def status_type(version: int) -> int:
 
 def host(feedback: FANUCStreamMotion) -> Host:
     """Return our side of the conversation."""
-    return Streamed(_StreamMotionClient(feedback.version), feedback.timeout_s)
+    return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
@@ -81,7 +84,7 @@ def device(feedback: FANUCStreamMotion, read: Read) -> Device:
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
-def _decode(data: bytes) -> Position | Refused:
+def _decode(currents: bool, data: bytes) -> Position | Refused:
     kind = int.from_bytes(data[:4], "big")
     layout = _STATUS.get(kind)
     if layout is None:
@@ -91,7 +94,9 @@ def _decode(data: bytes) -> Position | Refused:
     fields = layout.unpack(data)
     place = _STAMP[kind]
     state, robot, contact = fields[_BYTES_OF_STATE : _BYTES_OF_STATE + 3]
-    condition = (math.nan if kind == 0 else float(_safety(robot, contact)), float(bool(state & _SYSRDY)))
+    drawn = map(plausible, fields[place + 19 : place + 25]) if currents else ()
+    safety = math.nan if kind == 0 else float(_safety(robot, contact))
+    condition = (safety, float(bool(state & _SYSRDY)), *drawn)
     return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2], condition)
 
 
@@ -108,6 +113,11 @@ def _bytes_of_state(safety: float, motors: float) -> tuple[int, int, int]:
     return _SYSRDY if motors else 0, robot, contact
 
 
+def _nine(values: Sequence[float]) -> list[float]:
+    """A number for each of the nine axes of a status."""
+    return [*values, *[0.0] * (9 - len(values))]
+
+
 class _StreamMotionClient:
     """Asks for the version, where the rig file does not state it, and then for the status."""
 
@@ -116,10 +126,10 @@ class _StreamMotionClient:
         "the controller's `version`"
     )
 
-    def __init__(self, version: int | None) -> None:
-        self._positions = Positions(_decode, self.check, Order())
+    def __init__(self, feedback: FANUCStreamMotion) -> None:
+        self._positions = Positions(partial(_decode, feedback.currents), self.check, Order())
         self.frames = self._positions.frames
-        self._version = version
+        self._version = feedback.version
         self._answered = False
         """Whether the controller has stated its version."""
         self._asked = False
@@ -184,9 +194,9 @@ class _StreamMotionController:
 
     def _status(self, instant_ns: int) -> bytes:
         stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
-        *angles_deg, safety, motors = self._read(instant_ns)
-        state = _bytes_of_state(safety, motors)
-        numbers = [*[0.0] * 9, *angles_deg, 0.0, 0.0, 0.0, *[0.0] * 9]
+        shown = self._read(instant_ns)
+        state = _bytes_of_state(*shown[6:8])
+        numbers = [*[0.0] * 9, *_nine(shown[:6]), *_nine(shown[8:])]
         kind = status_type(self._version)
         head = (kind, self._version, self.sent % 2**32)
         self.sent += 1

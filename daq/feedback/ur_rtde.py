@@ -3,9 +3,10 @@ confirmed but for the layout of `M`, which is believed only).
 
 Packets and recipes: `daq.protocol.rtde`. The host asks for the version (`V`), for the recipe `timestamp, actual_q` at
 a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`, UINT64, or
-`output_int_register_n`, INT32) and with the condition of the robot, and for the start (`S`); each is answered; then
-data (`U`) come at that rate, or at the controller's own where that is lower, until the link closes. A field of the
-condition that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without.
+`output_int_register_n`, INT32), with the condition of the robot and with the currents of its motors where the rig file
+wants them, and for the start (`S`); each is answered; then
+data (`U`) come at that rate, or at the controller's own where that is lower, until the link closes. A field of these
+that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without.
 Every packet is kept: the controller may skip some under load, which only its own clock shows (Fault SKIPPED). `M`
 carries the controller's texts in version 2: length, text, length, source, level 0 exception … 3 information. `v` asks
 for the controller's version, four UINT32; the maker's client does so first. A packet of any other type is left out;
@@ -29,11 +30,13 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
 from daq.protocol.rtde import (
     CONDITION_TYPES,
+    CURRENT_TYPES,
     OLDER,
     VERSION,
     Numbers,
     Recipe,
     condition_of,
+    currents_of,
     fields_of,
     packet,
     packets,
@@ -44,7 +47,7 @@ from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 
 _MOST_UNKNOWN = 3
 """Packets of a type that is not known in a row: a stream out of step soon has more."""
-_DISPENSABLE = {*CONDITION_TYPES, *OLDER.values()}
+_DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES}
 """Fields without which a run is recorded all the same."""
 _MAX_CLOCK_S = 1e9
 """No controller has been on for 30 years: a later stamp is invalid."""
@@ -63,7 +66,8 @@ def device(feedback: URRTDE, read: Read) -> Device:
 def _recipe(feedback: URRTDE) -> Recipe:
     signal = {_signal_field(feedback.signal): _signal_type(feedback.signal)} if feedback.signal else {}
     condition = CONDITION_TYPES if feedback.condition else {}
-    return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition})
+    currents = CURRENT_TYPES if feedback.currents else {}
+    return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition, **currents})
 
 
 def _signal_field(place: RTDESignal) -> str:
@@ -98,6 +102,7 @@ class _RTDEClient:
         self._rate_hz = feedback.rate_hz
         self._place = feedback.signal
         self._condition = feedback.condition
+        self._currents = feedback.currents
         self._recipe = _recipe(feedback)
         self._awaited = b"V"
         self._number = 0
@@ -171,12 +176,13 @@ class _RTDEClient:
         (clock_s,), angles_rad = fields["timestamp"], fields["actual_q"]
         signal = (_signal(self._place, int(fields[_signal_field(self._place)][0])),) if self._place else ()
         condition = condition_of(fields) if self._condition else ()
+        currents = currents_of(fields) if self._currents else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
-            (*angles_deg, *signal, *condition),
+            (*angles_deg, *signal, *condition, *currents),
             NO_TIME,
             message.first_byte_ns,
             message.last_byte_ns,

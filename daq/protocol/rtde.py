@@ -6,7 +6,7 @@ has the recipe's number and then the fields in their order.
 The condition: `runtime_state` (RuntimeState of UR's clients), `safety_status` or, on older software, `safety_mode`
 (SafetyMode and SafetyStatus of UR's clients, which agree up to 9), `speed_scaling` times `target_speed_fraction` (as
 UR's ROS driver reckons the speed: what the controller slows a motion down to, and the slider), `payload` in kg and
-`joint_temperatures` in °C.
+`joint_temperatures` in °C. Beside it `actual_current`, the currents of the joints' motors in A.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from itertools import islice
 
 from daq.protocol.framing import Sized
 from daq.protocol.numerals import plausible
-from rigs.schema.condition import PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
+from rigs.schema.condition import CURRENTS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 
 Numbers = Sequence[float]
 VERSION = struct.pack(">H", 2)
@@ -39,6 +39,8 @@ CONDITION_TYPES = {
     "joint_temperatures": "VECTOR6D",
 }
 """The fields of the condition. Any may be unknown to the software of a controller."""
+CURRENT_TYPES = {"actual_current": "VECTOR6D"}
+"""The field of the motors' currents, in A."""
 OLDER = {_SAFETY_FIELD: "safety_mode"}
 """What a field was before; of the same type and codes."""
 _PROGRAM = {
@@ -123,8 +125,20 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
     )
 
 
-def fields_of(condition: Mapping[str, float]) -> dict[str, Numbers]:
-    """Return the fields by which a controller shows a condition."""
+def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
+    """Return the columns of the currents; nan where the field is missing."""
+    (name,) = CURRENT_TYPES
+    return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
+
+
+def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
+    """Return the fields by which a controller shows a condition and currents, where both are known."""
+    fields = _condition_fields(shown) if PROGRAM in shown else {}
+    (name,) = CURRENT_TYPES
+    return fields | ({name: tuple(shown[one] for one in CURRENTS)} if CURRENTS[0] in shown else {})
+
+
+def _condition_fields(condition: Mapping[str, float]) -> dict[str, Numbers]:
     safety = _SHOWN_SAFETY[SafetyState(int(condition[SAFETY]))]
     return {
         "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(condition[PROGRAM]))],),

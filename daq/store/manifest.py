@@ -41,7 +41,7 @@ from daq.store.records import (
 )
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.errors import FileError, UseError
-from rigs.files import read_bytes
+from rigs.files import of_newer_rig, read_bytes
 from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -286,6 +286,8 @@ def load_manifest(run: Path) -> Manifest:
             raise FileError(str(run), "holds no run", "give the directory of a run") from None
         raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
     except ValidationError as error:
+        if newer := of_newer_rig(str(path), error):
+            raise newer from None
         what = f"is damaged or of another version: {first_error(error)}"
         raise FileError(str(path), what, f"{to_recover(run)} or restore the file") from None
     except OSError as error:

@@ -16,7 +16,7 @@ from daq.store import durable
 from daq.store.manifest import load_manifest, unreadable
 from daq.store.records import Text, first_error, iso_now
 from rigs.errors import CellError, FileError
-from rigs.files import read_bytes
+from rigs.files import of_newer_rig, read_bytes
 
 MARKS = "marks.json"
 _MOST_BYTES = 1_000_000
@@ -50,6 +50,8 @@ def load_marks(run: Path) -> Marks:
     except FileNotFoundError:
         return Marks()
     except ValidationError as error:
+        if newer := of_newer_rig(str(path), error):
+            raise newer from None
         raise FileError(str(path), f"is damaged: {first_error(error)}", "delete it, then mark the run again") from None
     except OSError as error:
         raise unreadable(path, error) from None

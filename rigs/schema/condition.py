@@ -15,7 +15,9 @@ FULL_PERCENT = 99.5
 """A speed below this is lowered: controllers show it in whole percent."""
 TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
 """Temperatures of the joints in °C."""
-CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES)
+CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
+"""Currents of the joints' motors in A."""
+CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES, *CURRENTS)
 """All columns of the condition."""
 
 
@@ -51,8 +53,9 @@ UNDISTURBED = {
     SPEED: 100.0,
     PAYLOAD: 0.0,
     **dict.fromkeys(TEMPERATURES, 30.0),
+    **dict.fromkeys(CURRENTS, 0.0),
 }
-"""What a robot shows while it drives a test as it should; its temperatures are those of a joint that is warm."""
+"""What a robot shows while it drives a test as it should: joints that are warm, and motors that nothing loads."""
 
 
 def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:

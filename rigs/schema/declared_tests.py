@@ -1,4 +1,5 @@
-"""The tests that a rig is set up for (docs/geometry.md): circle for yaw and roll, hemisphere, repeatability.
+"""The tests that a rig is set up for (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability,
+touches, and the cube of ISO 9283.
 
 Bounds keep a slip of the pen from becoming a program of millions of poses.
 """
@@ -6,12 +7,12 @@ Bounds keep a slip of the pen from becoming a program of millions of poses.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from rigs.schema.part import Angle, Part, Vector
-from rigs.schema.robot import Posture
+from rigs.schema.robot import Pose, Posture
 
 _LONGEST_LAP_S = 1800.0
 
@@ -131,6 +132,40 @@ class Touch(Part):
         return self
 
 
+class Instrument(Pose):
+    """Where the tracker's frame stands in the world, measured without the poses of the test: by the robot's mounting
+    holes, or by axes 1 and 2 turned alone."""
+
+    u_mm: float = Field(default=0.0, ge=0, le=100)
+    """Standard uncertainty of a coordinate at the cube that this frame brings."""
+
+
+class Iso9283(Part):
+    """The cube of ISO 9283:1998, 6.8, for a tracker: five poses P1 … P5 on its inclined plane, paths on the same plane.
+
+    What is not given is found where the arm has room: the largest cube, the tool pointing down or outwards. Edges are
+    parallel to the axes of the robot's base.
+    """
+
+    centre_mm: Vector | None = None
+    """P1, in the world; where the tool is at posture_deg, if that alone is given."""
+    side_mm: float | None = Field(default=None, ge=20, le=5000)
+    posture_deg: Posture | None = None
+    """Joint angles near P1, whose orientation of the tool is kept in all poses."""
+    rises: Literal["x", "-x", "y", "-y"] = "x"
+    """Along which direction of the base the inclined plane rises; four planes are those of the standard."""
+    cycles: int = Field(default=30, ge=3, le=1000)
+    """P5 P4 P3 P2 P1 so many times; the standard asks 30."""
+    joint_speed_deg_s: float = Field(default=30.0, gt=0, le=1000)
+    """Fastest joint between poses; the standard asks the rated speed, which you dare once the way is known."""
+    path_speed_mm_s: float = Field(default=250.0, gt=0, le=10_000)
+    """Speed along the paths, of which the programs drive 100, 50 and 10 %."""
+    path_cycles: int = Field(default=10, ge=3, le=200)
+    """The standard asks 10."""
+    instrument: Instrument | None = None
+    """Without it the frame is fitted to the poses themselves, which makes AP and AT smaller than they are."""
+
+
 class Tests(Part):
     """The tests of a rig; leave out what it is not set up for."""
 
@@ -138,3 +173,4 @@ class Tests(Part):
     hemisphere: Hemisphere | None = None
     repeatability: Repeatability | None = None
     touch: Touch | None = None
+    iso9283: Iso9283 | None = None

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.condition import CONDITION, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
+from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.opc_ua import OPCUARobotics
@@ -75,6 +75,8 @@ class URRTDE(_Feedback):
     condition: bool = True
     """Whether the condition of the robot is asked for beside its joints: program, safety, speed, payload, temperatures.
     What the controller's software does not know of it is left out."""
+    currents: bool = False
+    """Whether the currents of the joints' motors are recorded as well, from which friction is measured."""
 
 
 class LineFeed(_Feedback):
@@ -151,8 +153,9 @@ class KUKARSI(_Feedback):
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        if unknown := [name for name in condition if name not in CONDITION]:
-            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(CONDITION)}")
+        known = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        if unknown := [name for name in condition if name not in known]:
+            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(known)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
             raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
         return condition
@@ -188,12 +191,14 @@ class FANUCStreamMotion(_Feedback):
         doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked "
         "at; that version 2 starts and sends as version 1 does; that a controller of version 1 only ignores the "
         "question (a packet type that it does not know may post HOST-380: then state `version`); that bit 2 of the "
-        "status is SYSRDY in every version",
+        "status is SYSRDY in every version; that its currents are in A",
     )
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
     version: int | None = Field(default=None, ge=1, le=4)
     """The version of Stream Motion; where it is not stated the controller is asked first."""
+    currents: bool = False
+    """Whether the currents of the joints' motors, which every status has, are recorded as well."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
@@ -252,8 +257,8 @@ def condition_columns(feedback: Feedback) -> tuple[str, ...]:
     """Return what the robot's samples have of its condition, in order (`rigs.schema.condition`)."""
     columns: tuple[str, ...] = ()
     match feedback:
-        case URRTDE(condition=True):
-            columns = (PROGRAM, SAFETY, SPEED, PAYLOAD, *TEMPERATURES)
+        case URRTDE():
+            columns = (PROGRAM, SAFETY, SPEED, PAYLOAD, *TEMPERATURES) if feedback.condition else ()
         case OPCUARobotics(condition=True):
             columns = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES)
         case LineFeed():
@@ -264,4 +269,6 @@ def condition_columns(feedback: Feedback) -> tuple[str, ...]:
             columns = (PROGRAM, MOTORS)
         case FANUCStreamMotion():
             columns = (SAFETY, MOTORS)
+    if isinstance(feedback, URRTDE | FANUCStreamMotion) and feedback.currents:
+        columns += CURRENTS
     return columns

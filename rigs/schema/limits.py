@@ -78,6 +78,12 @@ class CircleLimits(Part):
     circular_deviation_mm: Bound = None
     hysteresis_max_mm: Bound = None
     hysteresis_mean_mm: Bound = None
+    friction_j1_a: Bound = None
+    friction_j2_a: Bound = None
+    friction_j3_a: Bound = None
+    friction_j4_a: Bound = None
+    friction_j5_a: Bound = None
+    friction_j6_a: Bound = None
 
 
 class RadialLimits(Part):
@@ -121,6 +127,8 @@ class PoseLimits(Part):
     ap_mean_mm: Bound = None
     rp_mm: Bound = None
     rp_mean_mm: Bound = None
+    ad_mm: Bound = None
+    rd_mm: Bound = None
 
 
 class TouchLimits(Part):
@@ -129,6 +137,22 @@ class TouchLimits(Part):
     rms_mm: Bound = None
     max_mm: Bound = None
     spat_mm: Bound = None
+
+
+class PathLimits(Part):
+    """Limits of the paths of ISO 9283."""
+
+    line_at_mm: Bound = None
+    line_rt_mm: Bound = None
+    circle_at_mm: Bound = None
+    circle_rt_mm: Bound = None
+    small_circle_at_mm: Bound = None
+    small_circle_rt_mm: Bound = None
+    corner_round_mm: Bound = None
+    corner_overshoot_mm: Bound = None
+    f_max_mm: Bound = None
+    f_min_mm: Bound = None
+    d_mm: Bound = None
 
 
 class Limits(Part):
@@ -140,6 +164,7 @@ class Limits(Part):
     repeatability: RepeatabilityLimits = RepeatabilityLimits()
     pose: PoseLimits = PoseLimits()
     touch: TouchLimits = TouchLimits()
+    path: PathLimits = PathLimits()
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
     """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
 

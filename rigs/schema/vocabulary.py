@@ -2,12 +2,12 @@
 
 from typing import Literal, get_args
 
-TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch"]
+TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
 Direction = Literal["cw", "acw"]
 
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
-WITHOUT_GAUGES: tuple[Literal["pose", "touch"], ...] = ("pose", "touch")
+WITHOUT_GAUGES: tuple[Literal["pose", "touch", "path"], ...] = ("pose", "touch", "path")
 """The tests that no gauge reads."""
 
 _WAYS: dict[str, Direction] = {
@@ -24,8 +24,10 @@ def direction_of(word: str) -> Direction | None:
 
 DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
 """The tests that a program of the robot drives, with the ball link."""
-SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch"]
-"""The tests that are simulated: those of the ball link, and touches, which a person guides."""
+ProgramTest = Literal["yaw", "roll", "radial", "repeatability", "iso9283"]
+"""What programs are written for: the driven tests, and the poses and paths of ISO 9283 for a tracker."""
+SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch", "iso9283"]
+"""What is simulated: the tests of the ball link, touches, which a person guides, and ISO 9283 before a tracker."""
 Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 """Makers of controllers for which programs and corrections are written."""
 MAKERS: tuple[Maker, ...] = get_args(Maker)

@@ -16,8 +16,8 @@ from analysis.kinematics.arm import Array
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """What a line stands for; it decides colour, dash and symbol alike, since no meaning hangs on colour alone."""
-Frame = Literal["straight", "polar", "targets"]
-"""Along the circle angle, around the circle, or target by target."""
+Frame = Literal["straight", "polar", "targets", "plane"]
+"""Along the circle angle, around the circle, target by target, or on a plane of one scale in both directions."""
 _HOLE = 2.6
 """Radius of the circle of no deviation in a polar picture, in largest deviations, as in roundness diagrams."""
 _SAME_DEG = 8.0

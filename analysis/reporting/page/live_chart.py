@@ -44,12 +44,14 @@ def _chart(chart: Chart) -> dict[str, Any]:
         "shapes": [_line_at(mark.at_deg) for mark in chart.marks] + [_shade(*ends) for ends in chart.shaded],
         "annotations": [_word_at(mark.at_deg, mark.text) for mark in chart.marks],
     }
+    if chart.frame == "plane":
+        layout["yaxis"] |= {"scaleanchor": "x"}
     if chart.frame == "straight":
         layout["xaxis"] |= {"range": [0, 360], "dtick": 30, "ticksuffix": "°"}
     if chart.ticks:
         layout["xaxis"] |= {"tickvals": [at for at, _ in chart.ticks], "ticktext": [name for _, name in chart.ticks]}
     data = [_trace(line, chart.unit) for line in chart.lines]
-    return {"data": data, "layout": layout, "height": 340}
+    return {"data": data, "layout": layout, "height": 520 if chart.frame == "plane" else 340}
 
 
 def _trace(line: Line, unit: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose
+from analysis.measures.path import PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.touch import TouchResult
 from analysis.reporting.page.before_after import BeforeAfter
@@ -80,7 +81,9 @@ def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
     """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
-    runs = [result.measured for result in results if not isinstance(result.found, PoseResult | TouchResult)]
+    runs = [
+        result.measured for result in results if not isinstance(result.found, PoseResult | TouchResult | PathResult)
+    ]
     try:
         return compare(runs, rig) if runs else None
     except RigError:

@@ -29,6 +29,8 @@ _FONTS = re.compile(r"font-family: [^;]*sans-serif")
 _MOST_NODES = 360
 """Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
+_WIDEST = 45
+"""Letters of all names that stand in one line below a picture."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -62,7 +64,7 @@ def _tenths(number: re.Match[str]) -> str:
 def _chart(chart: Chart) -> Sheet:
     if chart.frame == "polar":
         return _polar(chart)
-    sheet = Sheet(6.9, 2.5)
+    sheet = Sheet(6.9, 4.2 if chart.frame == "plane" else 2.5)
     axes: Axes = sheet.subplots()
     for line in chart.lines:
         _draw(axes, line)
@@ -78,11 +80,14 @@ def _chart(chart: Chart) -> Sheet:
         axes.set_xticks(range(0, 361, 30), [f"{angle}°" for angle in range(0, 361, 30)])
     if chart.ticks:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
+    if chart.frame == "plane":
+        axes.set_aspect("equal")
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
-    sheet.legend(loc="outside lower center", ncols=len(chart.lines), frameon=False)
+    wide = sum(len(line.name) for line in chart.lines) > _WIDEST
+    sheet.legend(loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
     return sheet
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.result_curves import PoseCurve, RadialCurve, RepeatabilityCurve
+from analysis.measures.result_curves import PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
-from analysis.reporting.page.chart import Chart, Line, Picture, SphereChart
+from analysis.reporting.iso_views import PlaneView, cube_view, path_view
+from analysis.reporting.page.chart import Chart, Line, Picture, Role, SphereChart
 from analysis.reporting.texts import Texts
 
 _GRID = (13, 37)
@@ -24,7 +25,9 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
         case RepeatabilityCurve() as curve:
             return [_repeatability(result, curve, texts)]
         case PoseCurve() as curve:
-            return [_poses(result, curve, texts)]
+            return [*_cube(result, texts), _poses(result, curve, texts)]
+        case PathCurve() as curve:
+            return [_paths(curve, texts), _along(curve, texts)]
     return []
 
 
@@ -94,3 +97,32 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     y_label = f"{texts('error_position')} / mm"
     return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))
+
+
+def _cube(result: Result, texts: Texts) -> list[Chart]:
+    view = cube_view(result)
+    return [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
+
+
+def _paths(curve: PathCurve, texts: Texts) -> Chart:
+    return _plane(path_view(curve), "chart_paths", texts, points=False)
+
+
+def _plane(view: PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
+    """Commands on the cube's plane, and where the tool was, its deviation enlarged."""
+    attained = Line(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
+    command = Line(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
+    caption = texts("caption_plane", times=f"{view.times:g}")
+    labels = f"{texts('level')} / mm", f"{texts('rising')} / mm"
+    return Chart(texts(title), caption, "plane", *labels, "mm", (attained, command))
+
+
+def _along(curve: PathCurve, texts: Texts) -> Chart:
+    """How far the mean of all cycles is from the command, along each path."""
+    roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
+    lines = []
+    for name, role in zip(dict.fromkeys(curve.path.tolist()), roles, strict=False):
+        own = curve.path == name
+        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[own], 1e3 * curve.at_mm[own]))
+    labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
+    return Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))

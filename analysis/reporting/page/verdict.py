@@ -26,6 +26,7 @@ _EXAMPLES: dict[TestName, tuple[str, float, float]] = {
     "repeatability": ("bi_mm", 0.05, 0.10),
     "pose": ("rms_mm", 0.5, 1.0),
     "touch": ("rms_mm", 0.5, 1.0),
+    "path": ("line_at_mm", 0.5, 1.0),
 }
 """A figure of each test, and bounds of the size of those in docs/rig-file.md: examples, to be replaced."""
 

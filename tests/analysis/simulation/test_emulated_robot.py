@@ -24,17 +24,18 @@ def robot() -> EmulatedRobot:
 
 def test_its_program_runs_while_it_drives(robot: EmulatedRobot) -> None:
     now_ns = time.monotonic_ns()
-    assert robot.condition(now_ns) == {"program_state": ProgramState.STOPPED}
+    assert robot.condition(now_ns)["program_state"] == ProgramState.STOPPED
     robot.start("cw")
-    assert robot.condition(now_ns) == {"program_state": ProgramState.RUNNING}
-    assert robot.condition(now_ns + 40 * 10**9) == {"program_state": ProgramState.STOPPED}
+    assert robot.condition(now_ns)["program_state"] == ProgramState.RUNNING
+    assert robot.condition(now_ns + 40 * 10**9)["program_state"] == ProgramState.STOPPED
 
 
 def test_it_shows_what_it_is_told(robot: EmulatedRobot) -> None:
     robot.show("speed_percent", "40")
     robot.show("safety_state", "2")
     robot.show("program_state", "2")
-    assert robot.condition(0) == {"speed_percent": 40.0, "safety_state": 2.0, "program_state": ProgramState.PAUSED}
+    shown = {"speed_percent": 40.0, "safety_state": 2.0, "program_state": ProgramState.PAUSED}
+    assert robot.condition(0).items() >= shown.items()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 import daq.feedback
 from daq.acquisition.streams import robot_stream
 from daq.protocol.conversation import FaultKind, Sample
-from rigs.schema.condition import ProgramState, SafetyState
+from rigs.schema.condition import UNDISTURBED, ProgramState, SafetyState
 from rigs.schema.feedback import Feedback
 from tests.support.drivers import egm, j519, lines, rsi, rtde
 from tests.support.simulated_conversation import Script
@@ -225,3 +225,62 @@ def test_an_emulated_robot_is_undisturbed_unless_it_is_told_otherwise(robot: Fee
     assert shown.get("safety_state", 0) == 0
     assert shown.get("program_state", 1) == 1 and shown.get("motors_on", 1) == 1
     assert shown.get("speed_percent", 100) == 100
+
+
+AMPERES = (0.5, -2.25, 1.75, 0.125, -0.5, 0.25)
+
+
+def test_the_currents_of_rtde_and_of_an_older_controller_without() -> None:
+    robot = rtde(currents=True, condition=False)
+    script = Script(daq.feedback.host(robot))
+    asked = script.receive(_packet(b"V", b"\1")).send
+    assert asked.endswith(b"timestamp,actual_q,actual_current")
+    script.receive(_packet(b"O", b"\1DOUBLE,VECTOR6D,VECTOR6D") + _packet(b"S", b"\1"))
+    script.receive(_packet(b"U", struct.pack(">B7d6d", 1, 12.5, *[0.1] * 6, *AMPERES)))
+    assert tuple(_last(robot, script).values()) == AMPERES
+    script = Script(daq.feedback.host(robot))
+    script.receive(_packet(b"V", b"\1"))
+    assert script.receive(_packet(b"O", b"\0DOUBLE,VECTOR6D,NOT_FOUND")).send.endswith(b"timestamp,actual_q")
+    script.receive(_packet(b"O", b"\1DOUBLE,VECTOR6D") + _packet(b"S", b"\1"))
+    script.receive(_packet(b"U", struct.pack(">B7d", 1, 12.5, *[0.1] * 6)))
+    assert all(math.isnan(value) for value in _last(robot, script).values())
+
+
+def test_no_currents_are_asked_for_unless_the_rig_file_wants_them() -> None:
+    script = Script(daq.feedback.host(rtde()))
+    assert b"current" not in script.receive(_packet(b"V", b"\1")).send
+    assert not [name for name in robot_stream(rtde()).columns if name.startswith("current")]
+
+
+@pytest.mark.parametrize("version", [1, 3, 4])
+def test_the_currents_of_stream_motion(version: int) -> None:
+    """Nine floats each of pose, joints and currents."""
+    places, joints = [1.0] * 9, [10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 0.0, 0.0, 0.0]
+    numbers = struct.pack(">27f", *places, *joints, *AMPERES, 7.0, 8.0, 9.0)
+    if version == 1:
+        data = struct.pack(">IIIBBHHHI", 0, 1, 1, 4, 0, 0, 0, 0, 1000) + numbers
+    else:
+        kind, rest = (202, 260) if version == 3 else (204, 288)
+        data = struct.pack(">III4BI", kind, version, 1, 4, 0, 0, 0, 1000) + numbers + bytes(rest)
+    robot = j519(version=version, currents=True)
+    script = Script(daq.feedback.host(robot))
+    script.receive(data)
+    shown = _last(robot, script)
+    assert tuple(shown[f"current{axis}_a"] for axis in range(1, 7)) == AMPERES
+
+
+@pytest.mark.parametrize("robot", [rtde(currents=True), j519(version=3, currents=True), j519(version=1, currents=True)])
+def test_an_emulated_robot_sends_its_currents(robot: Feedback) -> None:
+    beside = robot_stream(robot).columns[6:]
+    undisturbed = [UNDISTURBED[name] for name in beside[: -len(AMPERES)]]
+    device = daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + undisturbed + list(AMPERES))
+    host, controller = Script(daq.feedback.host(robot)), Script(device)
+    answers = host.sent
+    for _ in range(5):
+        answers = host.receive(controller.receive(answers).send or controller.wake().send).send
+    assert tuple(_last(robot, host).values())[-6:] == AMPERES
+
+
+def test_kuka_has_no_currents_in_amperes() -> None:
+    with pytest.raises(ValueError, match="unknown part 'current1_a'"):
+        rsi(condition={"current1_a": "MACur.A1"})

@@ -105,7 +105,8 @@ def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> Non
             "payload_kg": 0.5 * (now_ns // S),
         }
         warm = {f"temperature{axis}_c": 30 + axis + now_ns // S for axis in range(1, 7)}
-        beside = [float((changing | warm)[name]) for name in columns_beside_joints(feedback)]
+        drawn = {f"current{axis}_a": 0.5 * axis - now_ns // S for axis in range(1, 7)}
+        beside = [float((changing | warm | drawn)[name]) for name in columns_beside_joints(feedback)]
         return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *beside]
 
     device = daq.feedback.device(feedback, read)

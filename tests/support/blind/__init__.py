@@ -1,1 +1,1 @@
-"""What runs and scores the blind trial (docs/blind-trial.md); its generator is `tests.support.stranger`."""
+"""What runs and scores the blind trial (docs/trials.md); its generator is `tests.support.stranger`."""

@@ -1,4 +1,4 @@
-"""The mechanics page: its table is what the simulator gives, its drawings are well formed and readable in the dark."""
+"""The page of setting up: its table is what the simulator gives, its drawings are well formed and show in the dark."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dev.alignment import table
 from rigs.load import load
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "mechanics.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "setting-up.md").read_text(encoding="utf-8")
 DRAWINGS = sorted((ROOT / "docs" / "images").glob("mechanics-*.svg"))
 
 

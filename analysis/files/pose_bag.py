@@ -1,0 +1,264 @@
+"""A bag of ROS 2 as a table of poses: where the joints stood, and where an instrument saw the tool meanwhile.
+
+Joints come from a topic of JointState by their names, places from a topic of poses, points or transforms. Both by the
+stamps of their senders, or where these are missing or of other clocks, by when the bag received them. Each stand of the
+robot is a row: the mean of its settled part and its scatter. What becomes no row is counted. The table goes the way of
+every table that comes as it is (`analysis.files.map_proposal`): units and turns are held against the arm, and a camera
+on the tool is recognised.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import struct
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.files.bags import bag_of, messages_of
+from analysis.files.mcap_messages import Found
+from analysis.files.ros_bag import newest
+from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, PLACED, TF, joint_state
+from analysis.kinematics.arm import Array, Integers
+from analysis.traces.stands import Stand, stands_of
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.ros2 import ROS2JointStates
+
+_JOINT = re.compile(r"[\w./-]{1,100}")
+_FEWEST = 3
+"""Readings of a stand, of which a mean and a scatter can be made."""
+_APART_S = 0.1
+"""Stamps of two senders that lie further apart, beside the bag's own time, are of two clocks; networks take less."""
+_UNIT_WITHIN = 0.01
+"""How far a quaternion's length may be from one: drivers publish float32, and zeros where they see nothing."""
+_LARGEST = 1e6
+"""No place in m and no angle in rad is larger."""
+_MOST_JOINTS, _LONGEST_NAME = 50, 200
+_GAP_S = 1.0
+"""A robot whose joints are unknown for so long may have moved in between."""
+_DRIFTS, _LEAST_M = 6.0, 5e-5
+"""An instrument moved in a stand where the means of its halves lie so many times their u apart, and so far."""
+
+
+@dataclass
+class _Track:
+    """Messages of one sender: when received and sent in ns, and values. placed: of a place in m, with a turn or
+    without; else of joints. lacking: how many were of no use."""
+
+    placed: bool = False
+    log_ns: list[int] = field(default_factory=list)
+    sent_ns: list[int] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    lacking: int = 0
+
+    def add(self, log_ns: int, sent_ns: int, values: tuple[float, ...] | None) -> None:
+        if values is None or not self._fits(values):
+            self.lacking += 1
+            return
+        self.log_ns.append(log_ns)
+        self.sent_ns.append(sent_ns)
+        self.values.append(values)
+
+    def _fits(self, values: tuple[float, ...]) -> bool:
+        """Whether these are numbers, as many as before, and a turn is one."""
+        alike = not self.values or len(values) == len(self.values[0])
+        turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
+        return alike and all(abs(value) < _LARGEST for value in values) and turned
+
+
+@dataclass(frozen=True)
+class StandTable:
+    """The table as text, the topic that it was made from, and what a person should know, in words."""
+
+    text: bytes
+    topic: str
+    doubts: tuple[str, ...]
+
+
+def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:
+    """Return the stands of a bag's robot as a table. topic: of the poses, and of a transform `/tf:CHILD`; the only one
+    where none is given. Raises FileError."""
+    bag = bag_of(data, where)
+    names, joints, placed = _read(_of_use(messages_of(bag)), where, rig)
+    topic, poses = _chosen(placed, topic, where)
+    doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
+    (joint_ns, q), (pose_ns, seen), more = _timed({"joints": joints, topic: poses})
+    t_s = (joint_ns - joint_ns[0]) / 1e9
+    stands = stands_of(t_s, q, np.zeros((len(q), 0)))
+    rows, lost = [], Counter[str]()
+    for stand in stands:
+        at = joint_ns[stand.settled]
+        own = slice(*np.searchsorted(pose_ns, [at[0], at[-1] + 1]))
+        why = _unusable(t_s[stand.begin : stand.end], pose_ns[own], seen[own], topic)
+        if why:
+            lost[why] += 1
+        else:
+            rows.append(_row(stand, t_s, q, seen[own]))
+    more += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
+    if not rows:
+        told = "; ".join(more) or "the robot stood nowhere for 0.3 s"
+        raise FileError(where, f"has no stand of the robot with a place ({told})", "let the robot wait at each pose")
+    return StandTable(_csv(names, rows, seen.shape[1] == 7), topic, (*doubts, *more))
+
+
+def _of_use(messages: Iterable[Found]) -> list[Found]:
+    """The messages that are read, and of every other topic one without its data: a bag holds pictures too. Their number
+    is bounded by the size of a bag."""
+    seen = set[str]()
+    kept = []
+    for one in messages:
+        if one.kind == JOINT_STATE or one.kind in PLACED:
+            kept.append(one)
+        elif one.topic not in seen:
+            kept.append(one._replace(data=b""))
+        seen.add(one.topic)
+    return kept
+
+
+def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _Track, dict[str, _Track]]:
+    """Names of joints, their track, and the tracks of all that is placed, by topic."""
+    ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
+    wanted = "/" + (ros.topic if ros else "joint_states").lstrip("/")
+    there = {one.topic for one in messages if one.kind == JOINT_STATE}
+    if wanted not in there and not ros and len(there) == 1:
+        (wanted,) = there
+    if wanted not in there:
+        has = ", ".join(sorted({f"{one.topic} ({one.kind})" for one in messages}))[:300] or "no messages"
+        raise FileError(where, f"has no {JOINT_STATE} on {wanted}; it has {has}", "name the topic in the rig file")
+    own = [one for one in messages if one.topic == wanted and one.kind == JOINT_STATE]
+    names = list(ros.joints) if ros else _names(own, len(rig.robot.axes), where)
+    if odd := [name for name in names if not _JOINT.fullmatch(name)]:
+        raise FileError(
+            where, f"names a joint {odd[0][:40]!r}, which is no name", "name the six joints in the rig file"
+        )
+    joints, placed = _Track(), dict[str, _Track]()
+    for one in own:
+        stamp_ns, angles = _joints(one.data)
+        values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
+        joints.add(one.log_ns, stamp_ns, values)
+    for one in messages:
+        if one.kind in PLACED:
+            _place(one, placed)
+    if len(joints.log_ns) < 2:
+        what = f"holds fewer than two messages of {wanted} with the joints {', '.join(names)}"
+        raise FileError(where, what, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
+    return names, joints, placed
+
+
+def _joints(data: bytes) -> tuple[int, dict[str, float]]:
+    try:
+        return joint_state(data)
+    except (struct.error, IndexError):
+        return NO_STAMP, {}
+
+
+def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
+    """The joints of the first message that has as many as the arm or more."""
+    for one in messages:
+        names = list(_joints(one.data)[1])
+        if axes <= len(names) <= _MOST_JOINTS:
+            return names
+    raise FileError(
+        where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
+    )
+
+
+def _place(message: Found, placed: dict[str, _Track]) -> None:
+    name = message.topic
+    try:
+        for one in PLACED[message.kind](message.data):
+            name = f"{message.topic}:{one.child}" if message.kind == TF else message.topic
+            if len(name) <= _LONGEST_NAME:
+                track = placed.setdefault(name, _Track(placed=True))
+                track.add(message.log_ns, one.stamp_ns, (*one.place_m, *one.turn))
+    except (struct.error, IndexError):
+        placed.setdefault(name, _Track(placed=True)).lacking += 1
+
+
+def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
+    """The topic of the instrument: the one given, the only one, or the only one that is no transform of a tree."""
+    found = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
+    has = ", ".join(sorted(found))[:300]
+    if not found:
+        kinds = ", ".join(kind.rpartition("/")[2] for kind in PLACED)
+        raise FileError(where, f"has no topic that places something ({kinds})", "record that of the instrument as well")
+    if topic:
+        if topic not in found:
+            raise FileError(where, f"places nothing on {topic!r}", f"give --topic one of {has}")
+        return topic, found[topic]
+    alone = {name: track for name, track in found.items() if ":" not in name} or found
+    if len(alone) > 1:
+        raise FileError(where, f"places {len(found)} things ({has})", "give the instrument's with --topic")
+    return next(iter(alone.items()))
+
+
+def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
+    """The times in ns (n,) and values (n, k) of both tracks on one clock, in order, and doubts in words."""
+    doubts: list[str] = []
+    log = {name: np.array(track.log_ns) for name, track in tracks.items()}
+    sent = {name: np.array(track.sent_ns) for name, track in tracks.items()}
+    stamped = [name for name in tracks if (sent[name] != NO_STAMP).all() and np.ptp(sent[name]) > 0]
+    late_s = [float(np.median(log[name] - sent[name])) / 1e9 for name in stamped]
+    by = sent
+    if len(stamped) < len(tracks):
+        without = " and ".join(name for name in tracks if name not in stamped)
+        doubts.append(f"{without}: its messages have no stamps; times are those at which the bag received them")
+        by = log
+    elif abs(late_s[0] - late_s[1]) > _APART_S:
+        what = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
+        doubts.append(f"{what}; times are those at which the bag received them")
+        by = log
+    found = []
+    for name, track in tracks.items():
+        order = np.argsort(log[name], kind="stable")
+        log_ns, ns, values = log[name][order], by[name][order], np.array(track.values)[order]
+        fresh = newest(log_ns, ns)
+        found.append((ns[fresh], values[fresh]))
+        total = len(ns) + track.lacking
+        if track.lacking:
+            doubts.append(
+                f"{name}: left out {track.lacking} of {total} messages, which lack a joint, a number or a turn"
+            )
+        if stale := int((~fresh).sum()):
+            doubts.append(f"{name}: left out {stale} of {total} messages, no later than one before")
+    return found[0], found[1], doubts
+
+
+def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
+    """Why a stand at times t_s (n,) with what an instrument saw (m, k) becomes no row; empty where it does."""
+    if np.diff(t_s).max() > _GAP_S:
+        return f"the joints are missing for more than {_GAP_S:g} s"
+    if len(pose_ns) < _FEWEST:
+        return f"fewer than {_FEWEST} readings of {topic}"
+    halves = np.array_split(seen[:, :3], 2)
+    apart = np.linalg.norm(halves[1].mean(axis=0) - halves[0].mean(axis=0))
+    scatter = float(np.sqrt(sum(((half - half.mean(axis=0)) ** 2).sum() for half in halves) / len(seen)))
+    if apart > max(_LEAST_M, _DRIFTS * scatter * 2 / np.sqrt(len(seen))):
+        return f"{topic} still moved; if all are, check the clocks"
+    return ""
+
+
+def _row(stand: Stand, t_s: Array, q: Array, seen: Array) -> list[float]:
+    """Time, angles, place, turn where there is one, and the scatter and number of the readings."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    turn = Rotation.from_quat(seen[:, 3:]).mean().as_quat().tolist() if seen.shape[1] == 7 else []
+    place, scatter = seen[:, :3].mean(axis=0), 1e3 * seen[:, :3].std(axis=0, ddof=1)
+    q_scatter = np.degrees(q[stand.settled].std(axis=0).max())
+    return [stand.t_s, *stand.q.tolist(), *place.tolist(), *turn, *scatter.tolist(), float(q_scatter), len(seen)]
+
+
+def _csv(names: Sequence[str], rows: Sequence[Sequence[float]], turned: bool) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    turn = ["qx", "qy", "qz", "qw"] if turned else []
+    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
+    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
+    writer.writerows(rows)
+    return text.getvalue().encode()

@@ -1,0 +1,185 @@
+"""The paths of the cube in a tracker's recording: which move is which, in which frame, and how far off each was.
+
+A move is a path whose way and chord it has; of the two ways around the large circle the first is anticlockwise, as the
+program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
+each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
+has it, and averaged between stations, which lie closer than anything a robot does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.geometry.iso_cube import Cube
+from analysis.geometry.iso_paths import CommandPath, PathName, paths_of
+from analysis.geometry.rigid import best_rigid
+from analysis.kinematics.arm import Array
+from analysis.traces.path_moves import Moved, moves_of
+from analysis.traces.tables import PathTable
+from rigs.errors import FileError
+
+_LENGTH, _CHORD = 0.08, 0.05
+"""Shares of a path's length by which way and chord of a move may differ from it: a corner that is cut is shorter."""
+_FITTED = 400
+"""Places of each move to which the frame is fitted."""
+_ROUNDS = 12
+_FAR = 0.05
+"""Paths that lie further from their commands than this share of the cube's side are not those of the program."""
+_STATIONS, _FEWEST = 200, 12
+"""Along a path; fewer where a tracker wrote few places, and less than the fewest show nothing."""
+_ENDS = 0.02
+"""Share of a path at either end that is not judged: the tool comes to speed and stops there, and its nearest place on a
+closed path may be either end."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """One path, in all of its cycles. places: of each cycle (k, 3) mm in the world; s_mm (m,): the stations;
+    off_mm (cycles, m, 3): the mean deviation at each, across the path, in the world; speed_mm_s (cycles,): mean along
+    the middle half."""
+
+    command: CommandPath
+    places: tuple[Array, ...]
+    s_mm: Array
+    off_mm: Array
+    speed_mm_s: Array
+
+
+@dataclass(frozen=True)
+class DrivenPaths:
+    """The paths by name, the frame of the instrument in the world (4, 4), and what was left out, in words."""
+
+    paths: Mapping[PathName, Driven]
+    T_world_instrument: Array
+    notes: tuple[str, ...]
+
+
+def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
+    """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
+    None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
+    commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
+    found = _sorted(table, commands, moves)
+    whole = {name: [one for one in own if one.whole] for name, own in found.items()}
+    whole = {name: own for name, own in whole.items() if own}
+    if not set(whole) - {"back"}:
+        raise FileError(where, _nothing(moves, commands), "check its unit, the cube of the rig file, and the recording")
+    places = {name: [table.xyz_mm[one.first : one.last] for one in own] for name, own in whole.items()}
+    T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
+    paths: dict[PathName, Driven] = {}
+    for name, own in whole.items():
+        times = [table.t_s[one.first : one.last] for one in own]
+        driven = _driven(commands[name], [_moved(T, one) for one in places[name]], times)
+        if driven is not None and name != "back":
+            paths[name] = driven
+    if not paths:
+        what = "its tracker wrote too few places along each path to judge it"
+        raise FileError(where, what, "record more places a second")
+    _hold_near(paths, cube, where, fitted=T_world_instrument is None)
+    torn = sum(not one.whole for own in found.values() for one in own)
+    notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
+    return DrivenPaths(paths, T, tuple(notes))
+
+
+def _sorted(
+    table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[Moved]
+) -> dict[PathName, list[Moved]]:
+    """The moves of each path, in order of time."""
+    found: dict[PathName, list[Moved]] = {}
+    around: Array | None = None
+    for move in moves:
+        name = next((name for name, command in commands.items() if _is_of(move, command)), None)
+        if name == "circle":
+            own = _around(table.xyz_mm[move.first : move.last])
+            around = own if around is None else around
+            name = "circle" if own @ around > 0 else "circle_cw"
+        if name is not None:
+            found.setdefault(name, []).append(move)
+    return found
+
+
+def _is_of(move: Moved, command: CommandPath) -> bool:
+    length = command.length_mm
+    chord = float(np.linalg.norm(np.diff(command.at(np.array([0.0, length])), axis=0)))
+    return abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chord) < _CHORD * length
+
+
+def _around(places: Array) -> Array:
+    """The vector (3,) of the area that places (n, 3) go around, anticlockwise about it."""
+    away = places - places.mean(axis=0)
+    area: Array = np.cross(away[:-1], away[1:]).sum(axis=0)
+    return area
+
+
+def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> str:
+    length = commands["line"].length_mm
+    if not moves:
+        return "it has no moves between stands"
+    longest = max(one.length_mm for one in moves)
+    return (
+        f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is {longest:.4g} "
+        f"mm, and a line would be {length:.4g} mm"
+    )
+
+
+def _moved(T: Array, places: Array) -> Array:
+    moved: Array = places @ T[:3, :3].T + T[:3, 3]
+    return moved
+
+
+def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
+    """The frame (4, 4) that brings all places to their paths."""
+    some = {name: [one[:: max(1, len(one) // _FITTED)] for one in own] for name, own in places.items()}
+    seen = np.concatenate([one for own in some.values() for one in own])
+    goals = []
+    for name, own in some.items():
+        for one in own:
+            way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(one, axis=0), axis=1))])
+            goals.append(commands[name].at(way / way[-1] * commands[name].length_mm))
+    T = best_rigid(seen, np.concatenate(goals))
+    for _ in range(_ROUNDS):
+        goals = [_nearest(commands[name], _moved(T, one)) for name, own in some.items() for one in own]
+        T = best_rigid(seen, np.concatenate(goals))
+    return T
+
+
+def _nearest(command: CommandPath, places: Array) -> Array:
+    return command.at(command.nearest(places))
+
+
+def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Driven | None:
+    fewest = min(map(len, places))
+    stations = min(_STATIONS, fewest // 3)
+    if stations < _FEWEST:
+        return None
+    edges = np.linspace(_ENDS, 1 - _ENDS, stations + 1) * command.length_mm
+    off, speeds = [], []
+    for own, t_s in zip(places, times, strict=True):
+        s = command.nearest(own)
+        off.append(_at_stations(s, own - command.at(s), edges))
+        middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
+        speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
+    return Driven(command, tuple(places), (edges[1:] + edges[:-1]) / 2, np.array(off), np.array(speeds))
+
+
+def _at_stations(s_mm: Array, off_mm: Array, edges: Array) -> Array:
+    """Mean deviations (m, 3) mm between edges (m + 1,) of deviations (n, 3) at s_mm (n,); where nothing was written,
+    between the neighbours."""
+    number = np.searchsorted(edges, s_mm, side="right") - 1
+    inside = (number >= 0) & (number < len(edges) - 1)
+    count = np.bincount(number[inside], minlength=len(edges) - 1)
+    sums = [np.bincount(number[inside], off_mm[inside, k], minlength=len(edges) - 1) for k in range(3)]
+    there = count > 0
+    middle = (edges[1:] + edges[:-1]) / 2
+    return np.stack([np.interp(middle, middle[there], one[there] / count[there]) for one in sums], axis=1)
+
+
+def _hold_near(paths: Mapping[PathName, Driven], cube: Cube, where: str, *, fitted: bool) -> None:
+    """Raises FileError where the paths are elsewhere than the cube."""
+    far = max(float(np.median(np.linalg.norm(one.off_mm, axis=2))) for one in paths.values())
+    if far > _FAR * cube.side_mm:
+        what = f"its paths lie {far:.3g} mm from those of the cube in the rig file"
+        known = "" if fitted else ", tests.iso9283.instrument and the tool"
+        raise FileError(where, what, f"give the rig file of its program; check the cube{known}")

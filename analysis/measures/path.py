@@ -1,0 +1,189 @@
+"""Path test: what a tracker saw of the tool along the paths of the cube, by ISO 9283:1998, clause 8, and ISO 230-4.
+
+8.2 path accuracy AT: at each station the distance of the mean of all cycles from the command, across the path, the
+largest; 8.3 path repeatability RT: mean + 3 S of the distances of the cycles from that mean, S with n - 1, the largest.
+8.5 corners of the rectangle: cornering round-off CR, the least distance of the path from the corner; corner overshoot
+CO, how far the tool goes beyond the corner in its old direction, across its new one; each the largest of the first
+three cycles, at the worst of P3, P4, P5. The standard itself is for sale; clauses and formulas are those by which it is
+publicly quoted (docs/figures.md).
+
+The large circle is driven both ways, and a tracker knows its radius: F, the radial deviation from the nominal radius
+about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO 230-4:2005, clause 3).
+
+u: were the cycles driven again, with the same scatter along the whole path, how far a figure would lie from its
+expectation. The instrument's own errors are not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.geometry.iso_cube import Cube
+from analysis.geometry.iso_paths import PathName, Polygon, Ring
+from analysis.kinematics.arm import Array, transform
+from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
+from analysis.measures.iso_figures import rp
+from analysis.measures.quantity import Quantity
+from analysis.measures.scatter_figures import half_width
+from analysis.traces.tables import PathTable
+from rigs.schema.declared_tests import Instrument
+
+CYCLES_ASKED, _CORNER_CYCLES = 10, 3
+"""Cycles that ISO 9283 asks for, and of how many the corners' figures are the largest."""
+_JUDGED: tuple[PathName, ...] = ("line", "circle", "small_circle")
+_NEAR = 0.3
+"""Share of a side after a corner in which an overshoot is looked for."""
+_SPANS = 60
+_SEED, _DRAWS = 1, 400
+FEWEST_CYCLES = 3
+"""Cycles that a standard deviation is taken of."""
+
+
+@dataclass(frozen=True)
+class PathResult:
+    """driven: the paths that were found; figures by name; notes in words; samples: places of the recording."""
+
+    driven: DrivenPaths
+    cube: Cube
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+
+def evaluate(table: PathTable, cube: Cube, instrument: Instrument | None, where: str) -> PathResult:
+    """figures: NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm;
+    f_max_mm, f_min_mm, d_mm of the large circle in both directions; speed_mm_s along the line, or the largest path that
+    was found. Raises FileError where the recording has no path of the cube."""
+    driven = driven_paths(table, cube, None if instrument is None else transform(instrument), where)
+    figures: dict[str, Quantity] = {}
+    for name in _JUDGED:
+        own = driven.paths.get(name)
+        if own is not None and len(own.places) >= FEWEST_CYCLES:
+            figures |= _redone(own.off_mm, lambda off, name=name: at_and_rt(off, name))  # type: ignore[misc]
+    if instrument is not None:
+        figures = {name: _with_u(one, instrument.u_mm) if "_at_" in name else one for name, one in figures.items()}
+    rectangle = driven.paths.get("rectangle")
+    if rectangle is not None:
+        figures |= _corners(rectangle)
+    if "circle" in driven.paths and "circle_cw" in driven.paths:
+        figures |= _radial(driven.paths["circle"], driven.paths["circle_cw"])
+    figures["speed_mm_s"] = _speed(next(iter(driven.paths.values())))
+    notes = [*driven.notes, *_few(driven)]
+    if instrument is None:
+        notes.append(
+            "AT and corners are what a best fit of the tracker's frame to these paths leaves, which is less than ISO "
+            "9283 asks; give tests.iso9283.instrument, a frame that was measured by itself"
+        )
+    return PathResult(driven, cube, figures, len(table.t_s), tuple(notes))
+
+
+def at_and_rt(off_mm: Array, name: str = "path") -> dict[str, Array]:
+    """AT and RT (...,) in mm of deviations (..., cycles, stations, 3)."""
+    accuracy = np.linalg.norm(off_mm.mean(axis=-3), axis=-1).max(axis=-1)
+    repeat = rp(np.swapaxes(off_mm, -3, -2)).max(axis=-1)
+    return {f"{name}_at_mm": accuracy, f"{name}_rt_mm": repeat}
+
+
+def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[str, Quantity]:
+    """The plain figures of values (cycles, …), and how far they lie from their expectation when the cycles are driven
+    again: each as the mean and a mixture of what the cycles differ by, which keeps how they differ along the path; that
+    their scatter is known from a few cycles only widens it by a draw of chi square."""
+    rng, n = np.random.default_rng(_SEED), len(values)
+    mean = values.mean(axis=0)
+    away = (values - mean).reshape(n, -1) / np.sqrt(n - 1)
+    level = np.sqrt((n - 1) / rng.chisquare(n - 1, _DRAWS))
+    tests = [plain(mean + ((s * rng.standard_normal((n, n))) @ away).reshape(values.shape)) for s in level]
+    figures = {}
+    for name, value in plain(values).items():
+        drawn = np.array([float(test[name]) for test in tests])
+        figures[name] = Quantity(float(value), half_width(drawn - drawn.mean()), "mm", n)
+    return figures
+
+
+def _with_u(figure: Quantity, u_mm: float) -> Quantity:
+    return replace(figure, u=float(np.hypot(figure.u, u_mm)))
+
+
+def _corners(rectangle: Driven) -> dict[str, Quantity]:
+    """CR and CO, of at most the first three cycles as the standard has it; u by all cycles. Between two places a corner
+    is cut by their chord, which passes a right corner within half its length: that much is 2 u at the least."""
+    assert isinstance(rectangle.command, Polygon)  # noqa: S101 - what the rectangle is
+    each = np.array([[corner_of(one, rectangle.command, k) for k in (1, 2, 3)] for one in rectangle.places])
+    hidden = float(each[:, :, 2].max()) / 4
+    rng, few = np.random.default_rng(_SEED), min(_CORNER_CYCLES, len(each))
+    figures = {}
+    for column, name in enumerate(("corner_round_mm", "corner_overshoot_mm")):
+        own = each[:, :, column]
+        drawn = own[rng.integers(len(own), size=(_DRAWS, few))].max(axis=(1, 2))
+        u = half_width(drawn - drawn.mean()) if len(own) > few else np.nan
+        u = float(np.hypot(u, hidden)) if name == "corner_round_mm" else u
+        figures[name] = Quantity(float(own[:few].max()), u, "mm", few)
+    return figures
+
+
+def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
+    """CR and CO in mm of one pass, places (n, 3) mm, of a corner of a polygon, and how far the places lie apart where
+    they are nearest to it."""
+    corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
+    old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
+    reach = _NEAR * float(np.linalg.norm(after - corner))
+    away = places - corner
+    near = np.flatnonzero(np.linalg.norm(away, axis=1) < reach)
+    if len(near) < 2:
+        return np.nan, np.nan, np.nan
+    first, last = int(near[0]), int(near[-1]) + 1
+    begin, step = away[first : last - 1], np.diff(away[first:last], axis=0)
+    share = np.clip(-(begin * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    off = np.linalg.norm(begin + share[:, None] * step, axis=1)
+    cut, apart = float(off.min()), float(np.linalg.norm(step[off.argmin()]))
+    along, beyond = away[first:last] @ new, away[first:last] @ old
+    aside = away[first:last] @ np.cross(old, new)
+    passed = (along >= 0) & (along < reach)
+    if not passed.any():
+        return cut, 0.0, apart
+    span = np.minimum((along[passed] / reach * _SPANS).astype(np.int64), _SPANS - 1)
+    count = np.maximum(np.bincount(span, minlength=_SPANS), 1)
+    y, x = (np.bincount(span, one[passed], minlength=_SPANS) / count for one in (beyond, aside))
+    return cut, float(np.where(y > 0, np.hypot(x, y), 0.0).max()), apart
+
+
+def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
+    """F and D of the large circle by both directions, whose stations lie at the same places of the circle."""
+    ring, n = acw.command, min(len(acw.places), len(cw.places))
+    stations = min(len(acw.s_mm), len(cw.s_mm))
+    if not isinstance(ring, Ring) or n < FEWEST_CYCLES or len(acw.s_mm) != len(cw.s_mm):
+        return {}
+    parts = []
+    for one in (acw, cw):
+        outwards = (one.command.at(one.s_mm) - ring.centre) / ring.radius_mm
+        radial = (one.off_mm[:n] * outwards).sum(axis=2)
+        angle = np.arctan2(outwards @ ring.v, outwards @ ring.u)
+        parts.append((radial, np.stack([np.cos(angle), np.sin(angle)], axis=1)))
+    waves = np.concatenate([parts[0][1], parts[1][1]])
+    # One constant for each direction, one centre for both, as of a bidirectional least-squares circle.
+    level = np.repeat(np.eye(2), stations, axis=0)
+    back = np.linalg.pinv(np.hstack([level, waves]))
+
+    def plain(both: Array) -> dict[str, Array]:
+        mean = both.mean(axis=-2)
+        fit = mean @ back.T
+        centred = mean - fit[..., 2:] @ waves.T
+        return {"f_max_mm": centred.max(axis=-1), "f_min_mm": centred.min(axis=-1), "d_mm": fit[..., :2].mean(axis=-1)}
+
+    return _redone(np.hstack([parts[0][0], parts[1][0]]), plain)
+
+
+def _speed(driven: Driven) -> Quantity:
+    n = len(driven.speed_mm_s)
+    u = float(driven.speed_mm_s.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
+    return Quantity(float(driven.speed_mm_s.mean()), u, "mm/s", n)
+
+
+def _few(driven: DrivenPaths) -> list[str]:
+    few = [f"{name.replace('_', ' ')} {len(one.places)} times" for name, one in driven.paths.items()]
+    if all(len(one.places) >= CYCLES_ASKED for one in driven.paths.values()):
+        return []
+    return [f"ISO 9283 asks {CYCLES_ASKED} cycles, and there are: {', '.join(few)}"]

@@ -1,0 +1,114 @@
+"""The poses and paths of ISO 9283 as a tracker would see them, of the arm of a rig with its effects.
+
+The robot stops with a scatter of real ones, the tracker adds its own noise and stands somewhere, unless the rig file
+says where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.geometry.iso_cube import Cube, cube_of, cycle_stops, iso9283_of
+from analysis.geometry.iso_paths import CYCLES, STAND_S, CommandPath, Polygon, joints_along, paths_of
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, transform
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Model, Path, model_of, moved, path_of
+from analysis.simulation.touches import STOPS_MM
+from analysis.traces.tables import PathTable, PoseTable
+from rigs.effects import Effect
+from rigs.errors import RigPlace
+from rigs.rig import Rig
+
+TRACKER_MM = 0.01
+"""Noise of a coordinate that a laser tracker measures at some metres, standard deviation."""
+_FAR_MM = 3000.0
+"""How far the tracker stands from the base."""
+_RATE_HZ = 100.0
+"""Places a second; trackers record ten times as many, which says no more of a simulated arm."""
+_ACCELERATION_MM_S2 = 200.0
+"""The acceleration of the programs (analysis/robot_programs/plan.py)."""
+_SAME_RAD = 1e-6
+"""The rounding of joints at a place that two paths share."""
+_STEPS = 2000
+"""Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
+
+
+def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PoseTable:
+    """Return the poses of the cube as a tracker sees them, `seed` None for no noise; effects: instead of those of the
+    rig file. Raises FileError where the arm has no room for the cube."""
+    q, rng = cycle_stops(rig), np.random.default_rng(seed or 0)
+    noise = 0.0 if seed is None else float(np.hypot(TRACKER_MM, STOPS_MM))
+    from_start = np.concatenate([cube_of(rig).q[:1], q])
+    places = tool_places(model_of(rig, effects), from_start)[1:] + noise * rng.standard_normal((len(q), 3))
+    return PoseTable(q, seen_by_tracker(rig, places, rng), None)
+
+
+def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PathTable:
+    """Return what a tracker records while the program drives the paths at their full speed; see `simulated_cube`."""
+    rng = np.random.default_rng(seed or 0)
+    t_s, q, leg = _driven(rig)
+    model = model_of(rig, effects)
+    places = moved(model, Path(Motion(t_s, q), np.arange(len(q)))).T[:, :3, 3]
+    if seed is not None:
+        places = places + STOPS_MM * rng.standard_normal((leg[-1] + 1, 3))[leg]
+        places = places + TRACKER_MM * rng.standard_normal((len(q), 3))
+    return PathTable(t_s, seen_by_tracker(rig, places, rng))
+
+
+def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
+    """Times (n,) s and joints (n, 6) rad at the tracker's rate along all paths, and the number (n,) of the path that is
+    driven, counted from 0, those between paths and the stand after each with it."""
+    test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
+    paths, where = paths_of(cube), RigPlace.of(rig.name, "tests.iso9283")
+    legs = {name: _leg(arm, cube, path, test.path_speed_mm_s, where) for name, path in paths.items()}
+    parts, leg = [np.tile(legs["line"][:1], (int(STAND_S * _RATE_HZ), 1))], 0
+    numbers = [np.zeros(len(parts[0]), dtype=np.int64)]
+    for names in CYCLES:
+        start = legs[names[0]][:1]
+        if np.abs(start - parts[-1][-1:]).max() > _SAME_RAD:
+            between = Polygon("back", np.stack([forward(arm, at)[0, :3, 3] for at in (parts[-1][-1:], start)]))
+            parts.append(_leg(arm, cube, between, test.path_speed_mm_s, where))
+            numbers.append(np.full(len(parts[-1]), leg))
+        for name in names * test.path_cycles:
+            leg += 1
+            parts.append(legs[name])
+            numbers.append(np.full(len(parts[-1]), leg))
+    q = np.concatenate(parts)
+    return np.arange(len(q)) / _RATE_HZ, q, np.concatenate(numbers)
+
+
+def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
+    """The joints (n, 6) rad along a path from rest to rest, and the stand after it."""
+    s = np.linspace(0.0, path.length_mm, _STEPS)
+    s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
+    q = joints_along(arm, cube, path, s, where)
+    ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
+    whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s
+    t = np.arange(0.0, whole_s + STAND_S, 1 / _RATE_HZ)
+    speed = _ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
+    driven = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2) / _RATE_HZ])
+    driven = np.clip(driven * path.length_mm / driven[-1], 0.0, path.length_mm)
+    return np.stack([np.interp(driven, s, column) for column in q.T], axis=1)
+
+
+def tool_places(model: Model, q: Array) -> Array:
+    """Where the tool is (n, 3) mm in the world at joints q (n, 6) rad, one after the other."""
+    path = path_of(model, PoseTable(q, np.zeros((len(q), 3)), None))
+    places: Array = moved(model, path).T[path.rows, :3, 3]
+    return places
+
+
+def seen_by_tracker(rig: Rig, places_mm: Array, rng: np.random.Generator) -> Array:
+    """Places (n, 3) mm of the world in the frame of the tracker, of the rig file or drawn."""
+    instrument = iso9283_of(rig).instrument
+    if instrument is not None:
+        T = transform(instrument)
+    else:
+        turn = rng.uniform(0, 2 * np.pi)
+        T = np.eye(4)
+        T[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        T[:3, 3] = [_FAR_MM * np.cos(turn), _FAR_MM * np.sin(turn), rng.uniform(500.0, 1500.0)]
+    seen: Array = (places_mm - T[:3, 3]) @ T[:3, :3]
+    return seen

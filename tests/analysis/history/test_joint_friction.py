@@ -1,0 +1,75 @@
+"""The friction of a joint over months: a motor draws more from one day on, in the history and against a limit."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.interpolate import CubicSpline
+
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.store import RunWriter
+from rigs.load import SHIPPED, load
+from rigs.schema.condition import CURRENTS
+from tests.support.command_line import ran
+from tests.support.store_cases import edit_manifest
+from tests.support.table_cases import JOINTS, RIG_FILE, circle_values
+
+COULOMB_A = np.array([0.8, 0.9, 0.6, 0.3, 0.3, 0.3])
+BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
+
+
+def recorded(folder: Path, day: int, third_a: float) -> None:
+    """A run whose motors carry gravity, as a slow wave, and friction; that of joint 3 takes `third_a`."""
+    rng = np.random.default_rng(day)
+    t_s, q, g_mm = circle_values("yaw", "acw")
+    fine_s = np.arange(0, t_s[-1], 0.01)
+    q, g_mm = (CubicSpline(t_s, values)(fine_s) for values in (q, g_mm))
+    t_s = fine_s
+    speed = np.gradient(q, t_s, axis=0)
+    friction = COULOMB_A.copy()
+    friction[2] = third_a
+    current = friction * np.sign(speed) + 2 * speed + 3 * np.cos(2 * q + [0, 1, 2, 3, 4, 5])
+    current += rng.normal(0, 0.05, current.shape)
+    writer = RunWriter.create(
+        folder,
+        name=f"lap-{day}",
+        test="yaw",
+        direction="acw",
+        rig_name=RIG_FILE,
+        rig_text=load(RIG_FILE)[1],
+        operator="ada",
+        streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *CURRENTS)},
+    )
+    for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
+        for g in (0, 1):
+            writer.append(f"g{g + 1}", [Sample((g_mm[k, g],), NO_TIME, at, at, 7, math.nan, 0)])
+        writer.append("robot", [Sample((*np.degrees(q[k]), *current[k]), NO_TIME, at, at, 60, math.nan, 0)])
+    writer.close("complete", "told to", {})
+    edit_manifest(writer.path, {"started": (BEGAN + timedelta(days=day)).isoformat()})
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    for day in range(10):
+        recorded(folder, day, 0.6 if day < 5 else 0.75)
+    return folder
+
+
+def test_a_joint_whose_friction_grew_is_named_and_no_other(runs: Path) -> None:
+    shown = " ".join(ran("history", RIG_FILE, "--data", runs).stdout.split())
+    assert "Friction of axis 3 rose from 0.6" in shown and "A between 5 and 6 May 2026" in shown
+    assert shown.count(" rose from ") == 1, shown
+
+
+def test_a_limit_of_friction_is_one_like_any_other(runs: Path, tmp_path: Path) -> None:
+    limited = tmp_path / "limited.yaml"
+    shipped = yaml.safe_load((SHIPPED / f"{RIG_FILE}.yaml").read_text())
+    limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"friction_j3_a": 0.7}}}))
+    shown = " ".join(ran("history", RIG_FILE, "--data", runs, "--rig", limited).stdout.split())
+    assert "Friction of axis 3 of yaw acw has been beyond its limit of 0.7 A since 6 May 2026" in shown
