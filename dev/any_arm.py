@@ -2,6 +2,7 @@
 
 `scripts/dev any_arm DATA` reads `jacobi` (a Barrett WAM, a laser tracker: grid, then 20 random poses with the set-up of
 the grid) and `mukca` (two Pandas and an iiwa 14, a ball in two sockets 50 mm apart: each placement left out in turn).
+`--u-mm 0.05` lets the fit know the distance of the sockets with that uncertainty.
 """
 
 from __future__ import annotations
@@ -50,12 +51,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="directory with jacobi and mukca")
     parser.add_argument("--only", choices=("wam", *ARMS), help="one of the arms (all)")
+    parser.add_argument("--u-mm", type=float, help="the distance of the sockets is known with this uncertainty")
     given = parser.parse_args()
     if given.only in (None, "wam"):
         _wam(given.data / "jacobi")
     for arm in ARMS:
         if given.only in (None, arm):
-            _touched(arm, given.data / "mukca")
+            _touched(arm, given.data / "mukca", given.u_mm)
 
 
 def _wam(folder: Path) -> None:
@@ -87,10 +89,10 @@ def _left(rig: Rig, used: Measured, judge: Measured, effects: Sequence[Effect]) 
     return left
 
 
-def _touched(arm: str, folder: Path) -> None:
-    rig = parse(
-        f'name: {arm.replace("_", "-")}\n{load_arm(ARMS[arm]).text}tests: {{touch: {{sockets: ["0", "1"]}}}}\n', "x"
-    )
+def _touched(arm: str, folder: Path, u_mm: float | None) -> None:
+    known = f', distances: [{{between: ["0", "1"], distance_mm: {KNOWN_MM}, u_mm: {u_mm}}}]' if u_mm else ""
+    tests = f'tests: {{touch: {{sockets: ["0", "1"]{known}}}}}\n'
+    rig = parse(f"name: {arm.replace('_', '-')}\n{load_arm(ARMS[arm]).text}{tests}", "x")
     runs = [run_of(rig, table, name, name) for name, table in sorted(_touches(arm, folder).items())]
     before = [result_of(run).figures["socket_distance_mm"] for run in runs]
     print(f"{arm}: {len(runs)} placements, {sum(len(run.table.q) for run in runs)} touches")

@@ -99,10 +99,10 @@ class CalibratedModel(Part):
     """The content of a calibration file.
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
-    float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs; outside it the terms
-    are what they were expected to be. `held_out_um` is the rms in µm that the model left at places that had no part in
-    it, None where none were left out. `widened` is the factor in L by which such places were missed by more than the
-    readings that were used explain.
+    float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs, and `rail_mm` where a
+    rail stood, of an arm on one; outside it the terms are what they were expected to be. `held_out_um` is the rms in µm
+    that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L by
+    which such places were missed by more than the readings that were used explain.
     """
 
     format: Literal[1] = 1
@@ -111,6 +111,7 @@ class CalibratedModel(Part):
     version: str
     runs: tuple[CalibratedRun, ...]
     joints_deg: tuple[tuple[float, float], ...] = Field(min_length=6, max_length=7)
+    rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
     setups: dict[str, PlacedSetUp]
     before_um: float
     calibrated_um: float

@@ -111,11 +111,14 @@ class Rig(Part):
     @model_validator(mode="after")
     def _is_driven(self) -> Rig:
         axes = len(self.robot.axes)
-        if axes > FEWEST_AXES and (
-            self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
-        ):
+        driven = self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
+        if axes > FEWEST_AXES and driven:
             what = f"an arm of {axes} axes is measured by poses and touches that are imported"
             raise ValueError(f"{what}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
+        if self.robot.rail and (driven or self.tests.iso9283):
+            what = "an arm on a rail is measured by poses and touches that are imported"
+            stands = "circle, hemisphere, iso9283, gauges and feedback are of an arm that stands"
+            raise ValueError(f"{what}: {stands}; leave them out, or leave out the rail while it stands")
         return self
 
     @model_validator(mode="after")

@@ -15,7 +15,7 @@ from rigs.errors import FileError
 from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 _NO_TURN = {
-    "prismatic": "it slides: leave it out, with --base or --tip",
+    "prismatic": "it slides: leave it out, with --base or --tip; a rail is robot.rail of a rig file",
     "continuous": "it has no limits: write type revolute, with lower, upper and velocity",
 }
 _REMEDY = "choose the ends of the arm with --base and --tip"

@@ -12,6 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from analysis.cli.several import end_with, worst
+from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, Maker, maker_of
 
 _FoundRig = Annotated[
@@ -121,7 +122,7 @@ def correct(
     _say_next(
         maker,
         next((file for file in written if path and file.name == f"corrected-{path.name}"), None),
-        len(rig.robot.axes),
+        rig,
     )
     if programs:
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
@@ -137,11 +138,13 @@ def correct(
     end_with(worst(left))
 
 
-def _say_next(maker: Maker | None, corrected: Path | None, axes: int) -> None:
-    """Say what a person can do with the corrections of an arm; `corrected` is the table of corrected targets."""
-    if maker is None and axes == FEWEST_AXES:
+def _say_next(maker: Maker | None, corrected: Path | None, rig: Rig) -> None:
+    """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
+    axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
+    programmed = axes == FEWEST_AXES and not rail
+    if maker is None and programmed:
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
     if corrected:
-        say(f"next: send the controller to q1_deg … q{axes}_deg of {corrected}", err=True)
-        if axes == FEWEST_AXES:
+        say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
+        if programmed:
             say(f"      or, for the targets of a test: rig program RIG … --path {corrected}", err=True)

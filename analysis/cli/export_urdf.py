@@ -66,6 +66,8 @@ def export_urdf(
         text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
     write_section(text, output)
     say(carried, err=True)
+    if rig.robot.rail:
+        say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
     if reader == "ur-driver":
         _say_of_the_driver(calibration_hash)
 

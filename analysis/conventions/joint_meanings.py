@@ -32,7 +32,8 @@ class Meaning:
 
     def of(self, q: Array) -> Array:
         """The angles (n, axes) rad that are meant by angles q (n, axes) rad."""
-        return np.asarray(q @ self.matrix.T + self.offset)
+        axes = len(self.offset)
+        return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
 
 
 def meanings(axes: int) -> list[Meaning]:

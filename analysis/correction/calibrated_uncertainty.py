@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.correction.work import tool_poses
-from analysis.kinematics.arm import Array, pose_error
+from analysis.kinematics.arm import RAIL_MM, Array, pose_error
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, driven, model_of
 from analysis.model.scene import apply
@@ -71,9 +71,9 @@ class CalibratedUncertainty:
 
     @property
     def joints_rad(self) -> Array:
-        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model."""
-        joints: Array = np.radians(np.array(self.calibrated.joints_deg))
-        return joints
+        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
+        joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
+        return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
 
     def _derivatives(self, q: Array) -> Array:
         """Return the change (p, n, 6) of the tool, mm and rad, for each kept parameter in its own unit."""
@@ -90,7 +90,7 @@ class CalibratedUncertainty:
             """Return what an effect does to the tool (n, 6)."""
             if effect.STAGE == "joint":
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
-                moved: Array = np.einsum("na,ani->ni", turns, by_joint)
+                moved: Array = np.einsum("na,ani->ni", turns[:, : len(by_joint)], by_joint)
                 return moved
             return pose_error(base, tool_poses(_with(model, effect), q))
 

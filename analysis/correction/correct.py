@@ -90,6 +90,9 @@ def correct_rig(
     if len(rig.robot.axes) > FEWEST_AXES and (controller or programs):
         what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
         raise UseError("--controller, --program", what, "give joint targets with --path")
+    if rig.robot.rail and (controller or programs):
+        what = "an arm on a rail: controllers' entries and programs are known of arms that stand"
+        raise UseError("--controller, --program", what, "give joint targets with --path")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
     if entered and programs:
@@ -126,12 +129,15 @@ def _targets(
     """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
     none can be corrected."""
     axes = len(rig.robot.axes)
-    given = read_path(path, axes)
+    given = read_path(path, axes, rail=rig.robot.rail is not None)
+    if rig.robot.rail and not given.joints:
+        what = "has poses without joint angles, which leave free where the rail stands"
+        raise FileError(str(path), what, f"give q1_deg … q{axes}_deg and e1_mm")
     if axes > FEWEST_AXES and not given.joints:
         what = f"has poses, which leave the elbow of an arm of {axes} axes free"
         raise FileError(str(path), what, f"give joint angles q1_deg … q{axes}_deg")
     hold_uncorrected(given, str(path))
-    q, unsolved = (np.radians(given.values), []) if given.joints else angles_for(rig, given.poses())
+    q, unsolved = (given.angles(), []) if given.joints else angles_for(rig, given.poses())
     targets = corrected(rig, found, q, unsolved)
     if not targets.done.any():
         raise target_errors(path, given, targets)[0]

@@ -23,8 +23,8 @@ from analysis.correction.pose_uncertainty import (
 from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
 from analysis.correction.work import rest_effects, tool_poses, used_effects, work_or_spread
-from analysis.inference.observation import outside_coverage
-from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward, pose_error
+from analysis.inference.observation import BEYOND_MM, outside_coverage
+from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
@@ -91,7 +91,7 @@ def corrected_angles(
     `corrected`."""
     model = model_of(rig, used_effects(rig, found))
     left = {one.place: one for one in unsolved}
-    left |= {one.place: one for one in _beyond_limits(model.arm, q) if one.place not in left}
+    left |= {one.place: one for one in [*_beyond_limits(model.arm, q), *_beyond_rail(rig, q)] if one.place not in left}
     done = np.array([k not in left for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
     angles[done], reached[done] = _moved(model, q[done])
@@ -142,7 +142,7 @@ def _stated(
         spread(np.hypot(position_u_mm(known, at), stays_mm)),
         spread(np.hypot(frame_u_mm(rig, known, at, taught), stays_mm)),
         marks,
-        tuple(_doubts(known, at)),
+        tuple(_doubts(rig, known, at)),
         done,
         tuple(left),
     )
@@ -196,15 +196,22 @@ def _posture(rig: Rig, arm: Arm) -> Array:
     return middle
 
 
-def _doubts(known: PoseUncertainty, q: Array) -> list[str]:
+def _doubts(rig: Rig, known: PoseUncertainty, q: Array) -> list[str]:
     """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and by which joints."""
     inside = covered(known, q)
     if inside is None or known.joints_rad is None or inside.all():
         return []
     counted = f"{int((~inside).sum())} of {len(q)} targets stand outside the joint angles of the runs"
-    ranges = [(low, high) for low, high in np.degrees(known.joints_rad).tolist()]
+    axes = len(rig.robot.axes)
+    ranges = [(low, high) for low, high in np.degrees(known.joints_rad[:axes]).tolist()]
     first = f"{counted}: they have no in the column covered, and u is not to be relied on there"
-    return [first, *outside_coverage(ranges, q, "the model")]
+    rail = RAIL_MM * known.joints_rad[axes:]
+    stands = [
+        f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
+        for (low, high), mm in zip(rail, RAIL_MM * q[:, axes:].T, strict=False)
+        if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
+    ]
+    return [first, *outside_coverage(ranges, q, "the model"), *stands]
 
 
 def _distance(T: Array, other: Array) -> Array:
@@ -212,9 +219,23 @@ def _distance(T: Array, other: Array) -> Array:
     return distance
 
 
+def _beyond_rail(rig: Rig, q: Array) -> list[NotCorrected]:
+    """Return the targets at angles q (n, 6) rad, with where the rail stands, that it does not reach."""
+    if rig.robot.rail is None:
+        return []
+    (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
+    return [
+        NotCorrected(
+            k, "beyond_limits", f"the rail would stand at {mm[k]:g} mm, its limits are {low:g} and {high:g} mm"
+        )
+        for k in np.flatnonzero((mm < low) | (mm > high)).tolist()
+    ]
+
+
 def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
     """Return the targets at angles q (n, 6) rad with a joint beyond its limits."""
-    outside = (q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)
+    joints = q[:, : arm.axes]
+    outside = (joints < arm.limits[:, 0] - 1e-9) | (joints > arm.limits[:, 1] + 1e-9)
     found: dict[int, NotCorrected] = {}
     for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])

@@ -172,6 +172,6 @@ def covered(known: PoseUncertainty, q: Array) -> Mask | None:
     joints = known.joints_rad
     if joints is None:
         return None
-    margin = np.radians(BEYOND_DEG)
-    inside: Mask = ((q >= joints[:, 0] - margin) & (q <= joints[:, 1] + margin)).all(axis=1)
+    margin, known_of = np.radians(BEYOND_DEG), q[:, : len(joints)]
+    inside: Mask = ((known_of >= joints[:, 0] - margin) & (known_of <= joints[:, 1] + margin)).all(axis=1)
     return inside

@@ -17,8 +17,8 @@ from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
 from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
-from analysis.kinematics.arm import Array, roll_pitch_yaw
-from analysis.traces.table_layout import JOINTS, PLACE, TURN, joint_columns
+from analysis.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
+from analysis.traces.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -45,6 +45,12 @@ class TargetPath:
         """Whether the targets are joint angles; otherwise they are poses."""
         return self.names != POSES
 
+    def angles(self) -> Array:
+        """Return the joint angles (n, axes) rad of targets given as such, and behind them where the rail stands, in
+        m."""
+        units = [1 / RAIL_MM if name == RAIL else np.radians(1.0) for name in self.names]
+        return np.asarray(self.values * units)
+
     def poses(self) -> Array:
         """Return the poses (n, 4, 4) of targets given as poses, in the world of the rig file."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
@@ -55,11 +61,11 @@ class TargetPath:
         return T
 
 
-def read_path(path: Path, axes: int = 6) -> TargetPath:
-    """Read targets of an arm of so many axes, as joint angles if the table has them. Raises FileError for a file that
-    is not a path, and TableFileError with every bad cell."""
+def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
+    """Read targets of an arm of so many axes, as joint angles if the table has them, and where its rail stands. Raises
+    FileError for a file that is not a path, and TableFileError with every bad cell."""
     names, rows = _rows(path)
-    joints = joint_columns(axes)
+    joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
     wanted, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED}.isdisjoint(names)  # of which more is said later
     if not is_corrected and set(wanted) <= set(names) and (both := [name for name in others if name in names]):
@@ -117,8 +123,10 @@ def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
     not corrected stays as it was, and has no numbers that are not known of it."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
-    names = (*joint_columns(found.q.shape[1]), *POSES)
-    values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
+    rail = RAIL in path.names
+    axes = found.q.shape[1] - rail
+    names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
+    values = np.concatenate([np.degrees(found.q[:, :axes]), RAIL_MM * found.q[:, axes:], _columns_of(found.T)], axis=1)
     values[np.ix_(~found.done, np.isin(names, path.names))] = path.values[~found.done]
     columns |= {
         name: _cells(np.round(column, 7) + 0.0)  # no -0.0

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.correction.support import Support
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import drive, radial_program
-from analysis.kinematics.arm import Array, arm_of
+from analysis.kinematics.arm import RAIL_MM, Array, arm_of
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved
 from rigs.effects import Effect
@@ -39,16 +39,22 @@ def work_angles(rig: Rig) -> Array:
         with suppress(FileError):
             q = radial_program(rig).q
             found.append(q[: len(q) // hemisphere.visits])
-    return np.concatenate(found) if found else arm.limits.mean(axis=1)[None]
+    return np.concatenate(found) if found else posture_limits(rig).mean(axis=1)[None]
+
+
+def posture_limits(rig: Rig) -> Array:
+    """Return the limits (6, 2) rad of the joints, and then those in m of the rail that carries them."""
+    limits, rail = arm_of(rig.robot).limits, rig.robot.rail
+    return limits if rail is None else np.vstack([limits, np.array(rail.limits_mm) / RAIL_MM])
 
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or else over those around the
     work."""
-    work, limits = work_angles(rig), arm_of(rig.robot).limits
+    work, limits = work_angles(rig), posture_limits(rig)
     low, high = work.min(axis=0), work.max(axis=0)
     if joints_rad is not None:
-        low, high = joints_rad.T
+        low, high = np.vstack([joints_rad, limits[len(joints_rad) :]]).T
     elif len(work) < _FEWEST:
         low, high = low - _AROUND_RAD, high + _AROUND_RAD
     low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])

@@ -7,9 +7,9 @@ import re
 from collections import Counter
 
 from analysis.files.table_problems import TableFileError, TableProblem, quoted
-from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout, came_from_columns, layout_of
+from analysis.traces.table_layout import LAYOUTS, RAIL, TURN, WORDS, Layout, came_from_columns, layout_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 from rigs.text import as_argument
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
@@ -19,14 +19,16 @@ _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word i
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
 
 
-def check_header(where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6) -> None:
-    """Whether these columns make a table of a test.
+def check_header(
+    where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6, layout: Layout | None = None
+) -> None:
+    """Whether these columns make a table of a test; layout: of an arm of so many axes without a rail, if none is given.
 
     direction_given: a direction column may be missing. Raises FileError for another separator,
     TableFileError for wrong or missing columns.
     """
     _separator(where, names)
-    layout = layout_of(test, axes)
+    layout = layout or layout_of(test, axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
@@ -36,6 +38,9 @@ def check_header(where: str, names: list[str], test: TestName, direction_given: 
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
+    if test in WITHOUT_GAUGES and RAIL in names and RAIL not in layout.known:
+        what = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
+        problems.append(TableProblem(1, RAIL, what))
     turns = [name for name in TURN if name in names]
     if test == "pose" and 0 < len(turns) < len(TURN):
         problems.append(TableProblem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))

@@ -82,6 +82,7 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
     Raises FileError where the files are no such table, or nothing in them fits the arm.
     """
     rig, _ = load(rig_file)
+    _hold_standing(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
         data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
@@ -104,6 +105,13 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
     if topic:
         raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
     return data, "", ()
+
+
+def _hold_standing(rig: Rig, where: str) -> None:
+    """Raise FileError for an arm on a rail: a map does not say where that stands."""
+    if rig.robot.rail:
+        what = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
+        raise FileError(where, what, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
 
 
 def _only_sheet(sheets: dict[str, bytes], where: str) -> tuple[str, bytes]:
@@ -138,6 +146,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
+    _hold_standing(rig, where)
     stands = [
         _stands_in(one, str(path), rig, layout.topic)
         for path, one, layout in zip(files, data, table_map.files, strict=True)

@@ -91,8 +91,8 @@ def parse_csv(
     if joints == "commanded":
         names = _commanded(names, where)
     axes = len(rig.robot.axes)
-    layout = layout_of(test, axes)
-    check_header(where, names, test, direction is not None, axes)
+    layout = layout_of(test, axes, rail=rig.robot.rail is not None)
+    check_header(where, names, test, direction is not None, axes, layout)
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:

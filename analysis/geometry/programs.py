@@ -33,11 +33,19 @@ JOINT_SPEED = np.radians(30.0)
 _SHORTEST_MOVE_S = 0.6
 
 
+def hold_six(rig: Rig) -> None:
+    """Raise FileError for an arm that cannot drive the tests of the ball link."""
+    if (axes := len(rig.robot.axes)) > FEWEST_AXES:
+        what = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {FEWEST_AXES}"
+        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
+    if rig.robot.rail:
+        what = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
+        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches, or leave out robot.rail")
+
+
 def circle_of(rig: Rig) -> Circle:
     """The circle of a rig. Raises FileError for a rig without one."""
-    if len(rig.robot.axes) > FEWEST_AXES:
-        what = f"is an arm of {len(rig.robot.axes)} axes, and circles and their programs are of {FEWEST_AXES}"
-        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
+    hold_six(rig)
     if rig.tests.circle is None:
         raise FileError(RigPlace.of(rig.name), "the rig file has no tests.circle", "add it: centre, posture, radius")
     return rig.tests.circle

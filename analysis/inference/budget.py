@@ -56,7 +56,7 @@ class Measure:
             else:
                 factor[:] = (3 if isinstance(block.one.table, PlaceTable) else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
-        return np.concatenate(parts)
+        return self.linear.at_entries(parts)
 
     @cached_property
     def _basis(self) -> Array:

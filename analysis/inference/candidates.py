@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.inference.blocks import Block
 from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.inference.responses import Linearisation, Response
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, rail_mm
 from analysis.traces.tables import CircleTable, PlaceTable, TouchTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
@@ -85,7 +85,9 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     gauged = any(not isinstance(table, PlaceTable) for table in tables)
     gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks).tolist()))
+    arm = blocks[0].model.arm
+    rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks)[: arm.axes].tolist()), rail)
 
 
 def _turned(blocks: Sequence[Block]) -> Array:
@@ -222,7 +224,7 @@ def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
     the target.
     """
     read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-    off = np.concatenate([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
+    off = linear.at_entries([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
     targets = np.flatnonzero(off)
     columns = np.zeros((len(off), len(targets)))
     columns[targets, np.arange(len(targets))] = off[targets]

@@ -34,7 +34,7 @@ from analysis.inference.verdict import (
     without_useless,
 )
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable
+from analysis.traces.tables import CircleTable, TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -57,7 +57,14 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     alone = [block.name for block in circles if block.measured and block.count < 2]
     if alone:
         doubts.append(f"{', '.join(alone)} was driven once: its noise is assumed equal to that of the other circles")
-    once = dict.fromkeys(block.name for block in blocks if not block.sampling and not block.measured)
+    unrepeated = [block for block in blocks if not block.sampling and not block.measured]
+    touched = [block for block in unrepeated if isinstance(block.one.table, TouchTable)]
+    once = dict.fromkeys(block.name for block in unrepeated if block not in touched)
+    if touched:
+        doubts.append(
+            "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
+            "touch some postures again to measure it"
+        )
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
@@ -71,9 +78,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        doubts.append(
-            "no circle was given: effects that depend on the speed, or on how a joint turns back, hardly show"
-        )
+        sides = any(isinstance(one := block.one.table, TouchTable) and one.came_from is not None for block in blocks)
+        back = "" if sides else ", or on how a joint turns back,"
+        doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(doubts)
 
 

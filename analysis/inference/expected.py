@@ -193,7 +193,7 @@ class FormInformation:
 _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
 """Displacement of the ball from the circle's centre where the rig file does not define one. Chosen: a ball set by hand
 is off by about 0.7 mm, and effects that scale the readings are visible only if these vary."""
-ASSUMED_UM = {
+_ASSUMED_UM = {
     "gauges, white": 1e3 * WHITE_MM.rms,
     "along a lap, slow": 1e3 * SLOW_MM.rms,
     "the ball, from run to run": 1e3 * BALL_MM.rms,
@@ -203,6 +203,14 @@ ASSUMED_UM = {
 (`analysis.noise.cell`)."""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """The scatter of each joint between runs that is assumed for planned runs, from the range of real cells."""
+
+
+def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
+    """Return the noise that planned runs of tests are assumed to have, rms in µm of one run; a ball that is seated by
+    hand scatters as much as a robot that stops at a target."""
+    if set(tests) == {"touch"}:
+        return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
+    return _ASSUMED_UM
 
 
 def planned_blocks(

@@ -142,13 +142,16 @@ JointRange = tuple[float, float]
 BEYOND_DEG = 3.0
 """Distance outside the measured range up to which a model is taken to be valid. Chosen: link constants and gear errors
 change little over 3 degrees."""
+BEYOND_MM = 50.0
+"""The same of a rail: what 3 degrees of a joint move at a metre."""
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> list[str]:
     """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined, which
     begins it."""
     lines = []
-    for axis, ((low, high), angle) in enumerate(zip(covered, np.degrees(q_rad).T, strict=True), start=1):
+    joints = np.degrees(q_rad[:, : len(covered)])  # behind them stands where a rail is
+    for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
             there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"

@@ -24,6 +24,7 @@ from analysis.inference.expected import (
 from analysis.inference.responses import Linearisation, beside
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp
+from analysis.traces.tables import TouchTable
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
@@ -264,7 +265,7 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     column = linear.columns([effect])[:, 0]
     whole, own = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
     if whole > _NOTHING and own < _OWN_SHARE * whole:
-        return "the set-up absorbs it: the ball's position and the gauges' zeros, which are always fitted"
+        return f"the set-up absorbs it: {_set_up_of(linear)}, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
@@ -273,6 +274,14 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     if LARGEST_FAULT * own < DETECTABLE:
         return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
     return "the other effects of a healthy arm hide it"
+
+
+def _set_up_of(linear: Linearisation) -> str:
+    """Return what is fitted of the set-ups, in words."""
+    touched = [isinstance(block.one.table, TouchTable) for block in linear.blocks]
+    parts = [] if all(touched) else ["the ball's position and the gauges' zeros"]
+    parts += ["the places of the sockets and of the ball on the tool"] if any(touched) else []
+    return "; ".join(parts)
 
 
 def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:

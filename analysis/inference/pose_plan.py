@@ -115,6 +115,11 @@ class PlannedPoses:
 
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None) -> PlannedPoses:
     """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker. Raises FileError."""
+    if rig.robot.rail:
+        what = "stands on a rail, and poses are planned of an arm that stands"
+        raise FileError(
+            RigPlace.of(rig.name), what, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
+        )
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:

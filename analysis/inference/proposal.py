@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.geometry.circle import frame_of
-from analysis.geometry.programs import circle_program
+from analysis.geometry.programs import circle_program, hold_six
 from analysis.inference.blocks import Block
 from analysis.inference.candidates import LARGEST_FAULT
 from analysis.inference.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
@@ -233,6 +233,7 @@ def propose(
     Raises UseError for tests without a circle, and FileError for a rig without one and where the arm cannot drive a
     test.
     """
+    hold_six(rig)
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
         raise UseError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")

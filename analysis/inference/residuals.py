@@ -15,7 +15,7 @@ from analysis.inference.result import Curve, Map, Place, ResidualBand
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PlaceTable, test_of
+from analysis.traces.tables import CircleTable, PlaceTable, TouchTable, test_of
 from rigs.schema.vocabulary import Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -260,8 +260,8 @@ def _at_targets(block: Block, left: Array) -> list[Place]:
     table = block.one.table
     if isinstance(table, PlaceTable):
         size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
-        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), block.one.rows + 1
-        what = "poses"
+        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), table.rows[block.one.rows]
+        what = "touches" if isinstance(table, TouchTable) else "poses"
     else:
         assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
         size, noise, number = np.abs(left), block.sd_mm, table.target
@@ -313,7 +313,7 @@ def _map(block: Block, before: Array, after: Array) -> Map:
     if isinstance(table, PlaceTable):
         sizes = [1e3 * np.linalg.norm(values.reshape(-1, 3), axis=1) for values in (before, after)]
         none = np.full(len(sizes[0]), np.nan)
-        return Map("pose", np.arange(1.0, len(none) + 1), none, none, *sizes)
+        return Map(test_of(table), table.rows[block.one.rows].astype(float), none, none, *sizes)
     assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
     hemisphere = block.model.rig.tests.hemisphere
     assert hemisphere is not None  # noqa: S101 - its targets were checked when the run was read

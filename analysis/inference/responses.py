@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock
+from analysis.inference.known_distances import KnownDistances, known_distances_of
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.setups import columns_of, moved_setup, tool_shift
 from analysis.kinematics.arm import Array, Integers
@@ -25,6 +27,7 @@ from rigs.schema.effect import PHASE, name_of
 # ----------------------------------------------------------------------------------------------------------------------
 # What effects add to the whitened readings, as objects that can be recognised: what was computed from one is kept.
 
+_Kind = TypeVar("_Kind", bound=np.generic)
 _KEPT = 4
 """Responses that are kept for each kind and name, at some 4 MB each with their products: about as many as the fits of
 one round begin from."""
@@ -100,8 +103,9 @@ _FAR_MM = 1.0
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks, in
-    standard deviations of the noise. `near` keeps what fits have computed of effects."""
+    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks and then
+    the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have computed of
+    effects."""
 
     blocks: tuple[Block, ...]
     setups: dict[str, SetUp]
@@ -111,7 +115,7 @@ class Linearisation:
     @cached_property
     def y(self) -> Array:
         """The residual (N,) with the known effects."""
-        return np.concatenate([block.white(block.y_mm) for block in self.blocks])
+        return self.at_entries([block.white(block.y_mm) for block in self.blocks], self.distances.residual(self.setups))
 
     @property
     def axes(self) -> int:
@@ -124,15 +128,32 @@ class Linearisation:
         return self.simulated[0].known
 
     @cached_property
+    def distances(self) -> KnownDistances:
+        """The known distances of sockets, whose entries follow those of the blocks."""
+        return known_distances_of(self.blocks)
+
+    def at_entries(self, parts: Sequence[NDArray[_Kind]], of_distances: Array | float = 0.0) -> NDArray[_Kind]:
+        """Return values of the entries (n, …) of each block, in any unit, as those of all entries (N, …), with values
+        (t, …) of the known distances after them; an error of the arm changes none of these."""
+        added = np.zeros((len(self.distances.pairs), *parts[0].shape[1:]), dtype=parts[0].dtype)
+        added[...] = of_distances
+        return np.concatenate([*parts, added])
+
+    @cached_property
     def rows(self) -> list[slice]:
         """The entries of each block."""
         ends = np.cumsum([0, *(len(block.y_mm) for block in self.blocks)]).tolist()
         return [slice(begin, end) for begin, end in pairwise(ends)]
 
+    @property
+    def of_distances(self) -> slice:
+        """The entries of the known distances of sockets."""
+        return slice(self.rows[-1].stop, None)
+
     @cached_property
     def band(self) -> Integers:
-        """The number (N,) of the band of each entry."""
-        return np.concatenate([block.band for block in self.blocks])
+        """The number (N,) of the band of each entry; known distances have one of their own."""
+        return self.at_entries(own := [block.band for block in self.blocks], 1 + max(int(one.max()) for one in own))
 
     @cached_property
     def terms(self) -> dict[str, list[int]]:
@@ -145,12 +166,18 @@ class Linearisation:
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for one, rows in zip(self.simulated, self.rows, strict=True):
             columns[rows, self.terms[one.block.one.setup]] = one.by_setup
+        columns[self.of_distances] = self.distances.by_setup(self.setups, self.terms, columns.shape[1])
         return columns
 
     @cached_property
     def Z(self) -> Array:  # noqa: N802 - a matrix
-        """The change (N, c) for one standard deviation of the scatter between runs."""
-        return self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
+        """The change (N, c) for one standard deviation of the scatter between runs, and for one standard uncertainty of
+        each known distance."""
+        scatter = self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
+        known = self.distances.scatter
+        columns = np.zeros((len(self.y), known.shape[1]))
+        columns[self.of_distances] = known
+        return np.concatenate([scatter, columns], axis=1)
 
     @cached_property
     def stamps(self) -> Array:
@@ -210,7 +237,7 @@ class Linearisation:
         """Return what each effect adds to the whitened readings, (N, p)."""
         if not effects:
             return np.empty((len(self.y), 0))
-        return np.concatenate([one.columns(effects) for one in self.simulated])
+        return self.at_entries([one.columns(effects) for one in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
@@ -279,7 +306,8 @@ class Linearisation:
     def _left(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
-        left: Array = self.y - np.concatenate([block.white(one) for block, one in added])
+        apart = self.distances.residual(self.setups) - self.distances.residual(setups)
+        left: Array = self.y - self.at_entries([block.white(one) for block, one in added], apart)
         return left
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
@@ -305,17 +333,17 @@ class Linearisation:
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of
         each block's path."""
-        return np.concatenate([one.by_joint(axis, off(one.block)) for one in self.simulated])
+        return self.at_entries([one.by_joint(axis, off(one.block)) for one in self.simulated])
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings if the errors of joints that an effect makes come as much
         later as each of c effects of the stamps has everything, at its healthy size."""
-        return np.concatenate([one.late(effect) for one in self.simulated])
+        return self.at_entries([one.late(effect) for one in self.simulated])
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings if the errors of joints that an effect makes are on average
         those of stamps that scatter."""
-        return np.concatenate([one.scattered(effect) for one in self.simulated])
+        return self.at_entries([one.scattered(effect) for one in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
@@ -324,7 +352,7 @@ class Linearisation:
         for one in self.simulated:
             each = np.array(shares) if one.block.sampling else np.zeros(one.base.shape[1])
             parts.append(one.whitened(each[:, None] * one.at_readings(off(one.block))[:, None]))
-        return np.concatenate(parts)
+        return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one

@@ -201,7 +201,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = np.concatenate([np.full(len(block.y_mm), isinstance(block.one.table, PoseTable)) for block in linear.blocks])
+    rows = linear.at_entries(
+        [np.full(len(block.y_mm), isinstance(block.one.table, PoseTable)) for block in linear.blocks]
+    )
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))

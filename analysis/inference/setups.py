@@ -310,8 +310,9 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
 
 
 def same_arm(one: Arm, other: Arm) -> bool:
-    """Whether two arms have the same link constants and couplings."""
-    return all(
+    """Whether two arms have the same link constants and couplings, and rails."""
+    rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (one, other))
+    return np.allclose(rail, other_rail, atol=1e-9) and all(
         np.allclose(getattr(one, constant), getattr(other, constant), atol=1e-9)
         for constant in ("a", "alpha", "beta", "d", "offset", "coupling")
     )

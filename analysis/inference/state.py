@@ -192,18 +192,21 @@ class Hyperparameters:
     @cached_property
     def _least(self) -> Array:
         """The smallest strength (b,) of each band."""
-        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
+        assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
 
     @cached_property
     def _targets(self) -> Mask:
         """Whether each entry (N,) is at a target."""
-        return np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
+        return self.linear.at_entries([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
 
     @cached_property
     def _band_price(self) -> Array:
-        """The log evidence (b,) that the strength of each band must gain."""
-        return np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+        """The log evidence (b,) that the strength of each band must gain; known distances are as certain as they are
+        said to be."""
+        price = np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+        price[self.columns.band[self.linear.of_distances]] = np.inf
+        return price
 
     def level(self, state: SelectionState, posterior: Posterior) -> float:
         """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in
@@ -257,7 +260,7 @@ class Hyperparameters:
         maximisation: Dempster, Laird and Rubin 1977)."""
         energy, spent = self._energy(state, posterior)
         nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
-        return nearer
+        return np.where(np.isfinite(self._band_price), nearer, 1.0)
 
     def update(
         self,

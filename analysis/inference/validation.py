@@ -13,14 +13,14 @@ from analysis.inference.background import Posterior, background_effects, backgro
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
 from analysis.inference.observation import ObservedRun, residuals_of, rms
 from analysis.inference.refine import Unknown, slopes_of
-from analysis.inference.responses import Linearisation, basis_of, limits_um, linearise, noise_um, rms_um
+from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable, test_of
+from analysis.traces.tables import PlaceTable, TouchTable, test_of
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -77,7 +77,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     before, after, calibrated = (1e3 * rms(own) for own in left)
     tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
     keeps = all(run.one.setup in stages.calibrated for run in runs)
-    floor = _floor(result.linear, {run.name for run in runs})
+    floor = _floor(result, {run.name for run in runs})
     return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
 
 
@@ -239,12 +239,18 @@ def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
     return 1e3 * rms(fit_run_setups(with_effects(runs, [effect]))[1])
 
 
-def _floor(linear: Linearisation, names: Collection[str]) -> float:
+def _floor(result: SearchResult, names: Collection[str]) -> float:
     """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
-    noise."""
+    noise, that of touches as far as the readings show it."""
+    linear = result.linear
     alike = [block.name in names for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    return float(np.sqrt(size @ noise_um(linear) ** 2 / size.sum()))
+    strength = result.state.strength[result.selection.columns.band]
+    shown = [
+        min(float(strength[rows].mean()), 1.0) if isinstance(block.one.table, TouchTable) else 1.0
+        for block, rows in zip(linear.blocks, linear.rows, strict=True)
+    ]
+    return float(np.sqrt(size @ (shown * noise_um(linear) ** 2) / size.sum()))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -292,7 +298,8 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
     root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
-    angles = np.degrees(np.concatenate([run.one.table.q[run.one.rows] for run in runs]))
+    arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
+    angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
     found = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
@@ -300,6 +307,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         version=version("rig"),
         runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
+        rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
         setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
@@ -337,7 +345,9 @@ def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
     ]
     # A copy would keep the root and the effects that are known of the one found.
     fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
+    rails = [one.rail_mm for one in (before, found) if one.rail_mm]
     fields |= {
+        "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
         "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
         "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
     }  # fmt: skip

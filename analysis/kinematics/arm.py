@@ -22,6 +22,10 @@ Mask = NDArray[np.bool_]
 _UPRIGHT = 1e-13
 """Cosine of a pitch below which it is 90° but for rounding; taking it for that turns a frame by no more, in rad."""
 
+RAIL_MM = 1000.0
+"""The way of a rail for one unit of the column that follows the joints."""
+_UPRIGHT_RAIL = 1e-3
+"""Sine of the angle to the base's z below which a rail goes up."""
 _BLOCK = 1500
 """Samples at a time: those of all links then stay in the processor's own cache, 0.9 of 1 MB."""
 
@@ -29,7 +33,12 @@ _BLOCK = 1500
 @dataclass(frozen=True)
 class Arm:
     """Constants of an arm of `axes` joints. a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes);
-    T_world_base, T_flange_tool: (4, 4); limits: (axes, 2) rad; speed: (axes,) rad/s."""
+    T_world_base, T_flange_tool: (4, 4); limits: (axes, 2) rad; speed: (axes,) rad/s; rail (3,): the direction in the
+    world in which a rail carries the base, or None.
+
+    Joint angles q (n, axes) rad of an arm on a rail may have one more column, where the rail stands, in m: a radian of
+    a joint moves what is a metre away as far. Without it the rail stands at 0.
+    """
 
     a: Array
     alpha: Array
@@ -41,6 +50,7 @@ class Arm:
     T_flange_tool: Array
     limits: Array
     speed: Array
+    rail: Array | None = None
 
     @property
     def axes(self) -> int:
@@ -59,6 +69,9 @@ def arm_of(robot: Robot) -> Arm:
     def column(field: str) -> Array:
         return np.array([getattr(axis, field) for axis in robot.axes], dtype=float)
 
+    T_world_base, rail = transform(robot.base), None
+    if robot.rail:
+        rail = T_world_base[:3, :3] @ (np.array(robot.rail.direction) / np.linalg.norm(robot.rail.direction))
     return Arm(
         a=column("a_mm"),
         alpha=np.radians(column("alpha_deg")),
@@ -66,11 +79,30 @@ def arm_of(robot: Robot) -> Arm:
         d=column("d_mm"),
         offset=np.radians(column("offset_deg")),
         coupling=np.array(robot.coupling, dtype=float),
-        T_world_base=transform(robot.base),
+        T_world_base=T_world_base,
         T_flange_tool=transform(robot.tool),
         limits=np.radians(column("limits_deg")),
         speed=np.radians(column("speed_deg_s")),
+        rail=rail,
     )
+
+
+def rail_mm(arm: Arm, q: Array) -> Array:
+    """Where the rail stands (n,) mm at joint angles q (n, axes) rad, which have a column of it or do not; 0 without."""
+    stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
+    return stands
+
+
+def rail_frame(arm: Arm) -> Array:
+    """The axes (3, 3), in columns, of a rail in the world: along it, across it and level in the frame of the base, and
+    across both; of one that goes up the base's x is level."""
+    assert arm.rail is not None  # noqa: S101 - asked for rails alone
+    up = arm.T_world_base[:3, 2]
+    across = np.cross(up, arm.rail)
+    if np.linalg.norm(across) < _UPRIGHT_RAIL:
+        across = arm.T_world_base[:3, 0]
+    across = across / np.linalg.norm(across)
+    return np.column_stack([arm.rail, across, np.cross(arm.rail, across)])
 
 
 def transform(pose: Pose) -> Array:
@@ -163,8 +195,11 @@ def tool_columns(arm: Arm, q: Array) -> Array:
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
     """The columns x, y, z and origin of each joint's frame in turn, (4, 3, n), for joint angles q (n, axes) rad of one
     block: samples last, so that each step of the chain is one operation on long rows."""
-    cosine, sine = cos_sin(arm.coupling @ q.T + arm.offset[:, None])
+    cosine, sine = cos_sin(arm.coupling @ q[:, : arm.axes].T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
+    if arm.rail is not None and q.shape[1] > arm.axes:
+        before = before.copy()
+        before[3] += arm.rail[:, None] * rail_mm(arm, q)
     for at_zero, c, s in zip(arm.links_at_zero, cosine, sine, strict=True):
         before = _at(before, at_zero)
         x, y = before[0].copy(), before[1]

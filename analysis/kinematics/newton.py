@@ -69,7 +69,8 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
         else:
             normal, pull = _damped(_normal(motions), size[active]), _applied(motions, error)
             step = _solved(normal, pull[:, None])[:, 0]
-        at = at + _limited(step)
+        at = at.copy()
+        at[: arm.axes] += _limited(step)  # a rail stays where it stands
     q[active] = at.T
     return q, size
 

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, blocks, link_columns
+from analysis.kinematics.arm import RAIL_MM, Arm, Array, blocks, link_columns, rail_frame, rail_mm
 from analysis.model.gravity import Load, torques
 from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
@@ -102,6 +102,14 @@ class Scene:
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)
+
+    def along_rail(self, error_mm_m: Array) -> Scene:
+        """The tool moved by an error (3,) in mm for each metre that the rail stands along its way: along the rail, then
+        across it and level in the frame of the base, then across both; the same scene without a rail."""
+        if self.arm.rail is None:
+            return self
+        offset = rail_frame(self.arm) @ error_mm_m / RAIL_MM
+        return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
 
     def shifted(self, offset_mm: Array) -> Scene:
         """The tool moved by (n, 3) mm in the world."""

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import SubFigure
+from matplotlib.ticker import MaxNLocator
 
 from analysis.inference.result import Map
 from analysis.kinematics.arm import Array
@@ -64,8 +65,10 @@ def _draw_rows(figure: SubFigure, one: Map, *, effects: bool) -> None:
         if when == "before" or effects:
             rms = float(np.sqrt(np.mean(values**2)))
             axes.plot(one.target, values, ".", ms=3, color=ink, label=f"{when}: rms {rms:.0f} µm")
-    axes.set_title(f"{one.test}: distance left, pose by pose", fontsize=9, loc="left", fontweight="bold")
+    what = "of the ball from its socket" if one.test == "touch" else "left, pose by pose"
+    axes.set_title(f"{one.test}: distance {what}", fontsize=9, loc="left", fontweight="bold")
     axes.set_xlabel("row of the table", fontsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("distance / µm", fontsize=8)
     axes.tick_params(labelsize=7.5)
     axes.legend(fontsize=8)

@@ -77,7 +77,7 @@ def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_u
             xytext=(3, 1), textcoords="offset points", fontsize=7.5, color=GREY,
         )  # fmt: skip
     axes.set_ylim(-0.6, max(len(bars), 2) - 0.4)
-    axes.set_xlim(0, 1.12 * max(value for _, value, _ in bars))
+    axes.set_xlim(0, 1.12 * float(np.nanmax([floor_um, *(value for _, value, _ in bars)])))
     axes.set_xlabel("error on the runs used, rms / µm", fontsize=8)
     axes.tick_params(axis="x", labelsize=7.5)
     axes.spines[["top", "right"]].set_visible(False)

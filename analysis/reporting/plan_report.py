@@ -15,9 +15,9 @@ from rich.text import Text
 from analysis.inference.candidates import LARGEST_FAULT
 from analysis.inference.expected import (
     ASSUMED_JOINT_DEG,
-    ASSUMED_UM,
     DETECTABLE,
     SEPARABLE,
+    assumed_um,
     is_detectable,
     is_separable,
 )
@@ -28,6 +28,7 @@ from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST = 3
 """Further tests that are listed for one pair."""
@@ -38,18 +39,19 @@ _MOST_PAIRS = 6
 def as_table(plan: Plan) -> RenderableType:
     """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
     tests = ", ".join(plan.tests)
-    head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
+    ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
+    head = Text(f"{tests}: {plan.runs} run{'s' * (plan.runs > 1)} each{ways}", style="bold")
     unseen = len(plan.undetectable)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
     tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
-    return Group(head, Text(noise_in_words()), Text(words), *tables, *_advice(plan))
+    return Group(head, Text(noise_in_words(plan.tests)), Text(words), *tables, *_advice(plan))
 
 
-def noise_in_words() -> str:
-    """The noise that a plan assumes."""
-    um = ", ".join(f"{name} {um:.1f} µm" for name, um in ASSUMED_UM.items())
+def noise_in_words(tests: Sequence[TestName]) -> str:
+    """The noise that a plan of these tests assumes."""
+    um = ", ".join(f"{name} {um:.1f} µm" for name, um in assumed_um(tests).items())
     return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
 
 
@@ -200,7 +202,8 @@ def _advice(plan: Plan) -> list[Text]:
     lines = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
     if best is None:
-        return [*lines, Text("no further test would add information")]
+        none = "no further test would add information" if plan.gains else "no further test is set up in the rig file"
+        return [*lines, Text(none)]
     text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
     text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
     return [*lines, Text(text, style="bold")]
@@ -211,7 +214,7 @@ def as_object(plan: Plan) -> dict[str, Any]:
     return {
         "tests": list(plan.tests),
         "runs": plan.runs,
-        "noise": {"source": "assumed", "um": ASSUMED_UM, "joint_deg": ASSUMED_JOINT_DEG},
+        "noise": {"source": "assumed", "um": assumed_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": SEPARABLE,
         "effects": [_effect(sight) for sight in plan.detectabilities],
         "groups": [list(group) for group in plan.groups],

@@ -16,6 +16,7 @@ from analysis.reporting.wide_tables import whole
 from rigs.edit import Keys, Value, with_values
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
 _MOST_NAME = 63
@@ -27,7 +28,7 @@ _MOST_DIGITS = 2
 def as_table(found: Proposal) -> RenderableType:
     """The proposed circles, what they add, and what stays untestable."""
     head = f"beside {', '.join(found.tests)}, {found.runs} runs each: circles within {found.minutes:g} min"
-    parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words())]
+    parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
     reasons = ", ".join(f"{count} {reason}" for reason, count in list(found.refused.items())[:_MOST_REASONS])
     tried = found.feasible + sum(found.refused.values())
     parts.append(Text(f"{found.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))

@@ -19,7 +19,7 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.table_layout import joint_columns
 from daq import clock
 from daq.store import table_run, write_table_run
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError, RigError, RigPlace
 from rigs.load import parse
 from rigs.rig import Rig
 
@@ -59,6 +59,11 @@ def record_touches(
     text = "\n".join(answer["rig_lines"]) + "\n"
     rig = parse(text, "the rig file of rigd")
     touch = touch_of(rig)
+    if rig.robot.rail:
+        what = "stands on a rail, and rigd does not read where that stands"
+        raise FileError(
+            RigPlace.of(rig.name), what, "leave out robot.rail while it stands, or import touches as a table"
+        )
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     arm = arm_of(rig.robot)
     arm = replace(arm, T_flange_tool=arm.T_flange_tool @ ball)

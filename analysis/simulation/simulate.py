@@ -15,6 +15,7 @@ import numpy as np
 from analysis.geometry.programs import (
     circle_laps,
     circle_of,
+    hold_six,
     radial_program,
     repeatability_of,
     repeatability_program,
@@ -62,6 +63,7 @@ def simulate(
         return simulated_touches(rig, seed, effects)
     if test in ("pose", "path"):
         return simulated_path(rig, seed, effects) if test == "path" else simulated_cube(rig, seed, effects)
+    hold_six(rig)
     if not rig.gauges.recorded:
         what = f"has no gauges, and a {test} test is measured with them"
         raise FileError(f"rig {rig.name}", what, "add gauges and feedback to the rig file")

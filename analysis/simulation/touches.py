@@ -44,7 +44,7 @@ def touch_of(rig: Rig) -> Touch:
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
     """Return touches of the nominal arm, shared out over the sockets of the rig file. Raises FileError where it has
     none, or where the arm finds no postures."""
-    return _planned(rig, np.random.default_rng(seed))[0]
+    return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 
 
 def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
@@ -62,7 +62,17 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
             break
         _, jacobian = forward_and_jacobian(arm, table.q)
         table = replace(table, q=table.q + np.einsum("nij,nj->ni", np.linalg.pinv(jacobian[:, :3]), away))
-    return table
+    return _standing(rig, table)
+
+
+def _standing(rig: Rig, table: TouchTable) -> TouchTable:
+    """Touches of an arm on a rail that stands at 0; other ones as they are."""
+    if rig.robot.rail is None:
+        return table
+    assert table.came_from is not None  # noqa: S101 - planned touches say it
+    stands = np.zeros(len(table.q))
+    q, came_from = (np.column_stack([angles, stands]) for angles in (table.q, table.came_from))
+    return replace(table, q=q, came_from=came_from, rail=True)
 
 
 def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:

@@ -7,10 +7,28 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 
-from analysis.kinematics.arm import Array
-from analysis.traces.table_layout import PLACE, SOCKET, TURN, came_from_columns, joint_columns, layout_of
+from analysis.kinematics.arm import RAIL_MM, Array
+from analysis.traces.table_layout import (
+    PLACE,
+    RAIL,
+    RAIL_FROM,
+    SOCKET,
+    TURN,
+    came_from_columns,
+    joint_columns,
+    layout_of,
+)
 from analysis.traces.table_rules import hold_table
-from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import (
+    CircleTable,
+    PathTable,
+    PlaceTable,
+    PoseTable,
+    RadialTable,
+    RepeatabilityTable,
+    Table,
+    TouchTable,
+)
 from daq.store.arrays import array_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -34,7 +52,7 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
         raise FileError(where, what, "import the table again")
     if test == "path":
         return PathTable(_floats(columns, "t_s"), _stack(columns, PLACE))
-    q = np.radians(_stack(columns, joint_columns(axes)))
+    q, rail = np.radians(_stack(columns, joint_columns(axes))), _has_rail(columns)
     if test in ("yaw", "roll"):
         if direction is None:
             raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
@@ -43,11 +61,17 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
         return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm, u_t_s)
     if test == "pose":
         turned = set(TURN) <= set(columns.column_names)
-        return PoseTable(q, _stack(columns, PLACE), np.radians(_stack(columns, TURN)) if turned else None)
+        rpy = np.radians(_stack(columns, TURN)) if turned else None
+        return PoseTable(_with_rail(q, columns, RAIL), _stack(columns, PLACE), rpy, rail=rail)
     if test == "touch":
         names = came_from_columns(axes)
-        came_from = np.radians(_stack(columns, names)) if set(names) <= set(columns.column_names) else None
-        return TouchTable(np.array(columns[SOCKET].to_pylist(), dtype=np.str_), q, came_from)
+        came = set(names) <= set(columns.column_names)
+        sockets = np.array(columns[SOCKET].to_pylist(), dtype=np.str_)
+        came_from = None
+        if came:  # a rail of which it is not said comes from where it stands
+            known = RAIL_FROM if RAIL_FROM in columns.column_names else RAIL
+            came_from = _with_rail(np.radians(_stack(columns, names)), columns, known)
+        return TouchTable(sockets, _with_rail(q, columns, RAIL), came_from, rail=rail)
     t_s = _floats(columns, "t_s") if "t_s" in columns.column_names else np.zeros(len(q))
     if test == "radial":
         polar, azimuth = (np.radians(_floats(columns, name)) for name in ("polar_deg", "azimuth_deg"))
@@ -64,6 +88,23 @@ def _axes_in(columns: pa.Table) -> int:
     return 7 if seventh in columns.column_names and pa.types.is_floating(columns.schema.field(seventh).type) else 6
 
 
+def _has_rail(columns: pa.Table) -> bool:
+    """Whether a table says where a rail stands: a column of that name that is none is kept as text."""
+    return RAIL in columns.column_names and pa.types.is_floating(columns.schema.field(RAIL).type)
+
+
+def _with_rail(q: Array, columns: pa.Table, name: str) -> Array:
+    """Angles q (n, axes) rad with where the rail stands, in m, if the table says it."""
+    return np.column_stack([q, _floats(columns, name) / RAIL_MM]) if _has_rail(columns) else q
+
+
+def _joints(q: Array, names: tuple[str, ...], rail: str) -> dict[str, Array]:
+    """The columns of angles q (n, axes) rad by their names, in degrees, and of a rail behind them in mm."""
+    axes = len(names)
+    found = dict(zip(names, np.degrees(q[:, :axes]).T, strict=True))
+    return found | ({rail: RAIL_MM * q[:, axes]} if q.shape[1] > axes else {})
+
+
 def u_lag_s_of(columns: pa.Table) -> float:
     """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
     states none."""
@@ -73,7 +114,8 @@ def u_lag_s_of(columns: pa.Table) -> float:
 
 def columns_of(table: Table) -> pa.Table:
     """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
-    joints = dict(zip(joint_columns(table.q.shape[1]), np.degrees(table.q).T, strict=True))
+    axes = table.q.shape[1] - (isinstance(table, PlaceTable) and table.rail)
+    joints = _joints(table.q, joint_columns(axes), RAIL)
     match table:
         case CircleTable():
             gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
@@ -84,8 +126,7 @@ def columns_of(table: Table) -> pa.Table:
         case PathTable():
             return _table({"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))})
         case TouchTable():
-            names = came_from_columns(table.q.shape[1])
-            came = {} if table.came_from is None else dict(zip(names, np.degrees(table.came_from).T, strict=True))
+            came = {} if table.came_from is None else _joints(table.came_from, came_from_columns(axes), RAIL_FROM)
             return _table({SOCKET: table.socket.tolist(), **joints, **came})
         case RadialTable():
             place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}

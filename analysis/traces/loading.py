@@ -19,6 +19,7 @@ from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.dwells import radial_table, repeatability_table
 from analysis.traces.single_stands import one_row_a_stand
+from analysis.traces.table_layout import RAIL
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
@@ -71,6 +72,16 @@ def load_measured(path: Path) -> Measured:
     return measured_of(replace(run, path=path), rig)
 
 
+def _hold_rail(rig: Rig, table: Table, where: str) -> None:
+    """Raise FileError where one of rig file and table knows of a rail and the other does not."""
+    if not isinstance(table, PlaceTable) or table.rail == (rig.robot.rail is not None):
+        return
+    if table.rail:
+        raise FileError(where, f"has {RAIL}, and the arm of the rig file stands on no rail", "add robot.rail to it")
+    what = f"has no {RAIL}, and the arm of the rig file stands on a rail"
+    raise FileError(where, what, f"add {RAIL}, where the rail stood in each row")
+
+
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
 
@@ -100,6 +111,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     if run.table is not None:
         doubts += _taken_as_corrected(run, rig)
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        _hold_rail(rig, table, str(path))
         table = one_row_a_stand(table)
         return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)

@@ -70,7 +70,7 @@ def _averaged(
 
     if isinstance(table, PoseTable):
         rpy = None if table.rpy is None else _mean_turns(table.rpy, first, stand)
-        return PoseTable(mean(table.q), mean(table.xyz_mm), rpy, table.rows[first])
+        return PoseTable(mean(table.q), mean(table.xyz_mm), rpy, table.rows[first], table.rail)
     target, t_s, q, g_mm = table.target[first], mean(table.t_s), mean(table.q), mean(table.g_mm)
     if isinstance(table, RepeatabilityTable):
         return RepeatabilityTable(target, table.approach[first], table.round[first], t_s, q, g_mm)

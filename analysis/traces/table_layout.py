@@ -20,6 +20,8 @@ COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
+RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
+"""Where the rail that carries an arm stands, and from where it came to a touch."""
 SOCKET = "socket"
 """The column of a touch with the name of the socket; any words."""
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
@@ -61,8 +63,12 @@ LAYOUTS: dict[TestName, Layout] = {
 """Tables of an arm of six axes."""
 
 
-def layout_of(test: TestName, axes: int) -> Layout:
-    """Return the layout of a test's table for an arm of so many axes, which poses and touches can have."""
+def layout_of(test: TestName, axes: int, *, rail: bool = False) -> Layout:
+    """Return the layout of a test's table for an arm of so many axes, which poses and touches can have, and on a rail,
+    which stands where other tests are driven."""
+    moved, came = ((RAIL,), (RAIL_FROM,)) if rail else ((), ())
     if test == "pose":
-        return Layout((*joint_columns(axes), *PLACE), TURN)
-    return Layout((SOCKET, *joint_columns(axes)), came_from_columns(axes)) if test == "touch" else LAYOUTS[test]
+        return Layout((*joint_columns(axes), *moved, *PLACE), TURN)
+    if test == "touch":
+        return Layout((SOCKET, *joint_columns(axes), *moved), (*came_from_columns(axes), *came))
+    return LAYOUTS[test]

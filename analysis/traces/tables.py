@@ -68,7 +68,8 @@ class RepeatabilityTable:
 class PoseTable:
     """Poses of the tool as a tracker saw them, in the tracker's frame.
 
-    q (n, axes) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
+    q (n, axes) rad, of an arm on a rail with a column more, where the rail stands in m (`rail`);
+    xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
     row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n.
     """
 
@@ -76,6 +77,7 @@ class PoseTable:
     xyz_mm: Array
     rpy: Array | None
     row: Integers | None = None
+    rail: bool = False
 
     @property
     def rows(self) -> Integers:
@@ -87,14 +89,16 @@ class PoseTable:
 class TouchTable:
     """Touches: the tool's ball seated in sockets that are fixed in the world, in one posture after the other.
 
-    socket (n,) of str; q (n, axes) rad; came_from (n, axes) rad: where each joint was before its last move, which says
-    on which side of its play it stands, or None where it came from the touch before; row (n,) as of poses.
+    socket (n,) of str; q (n, axes) rad, with a rail as of poses; came_from (n, axes) rad: where each joint was before
+    its last move, which says on which side of its play it stands, or None where it came from the touch before; row (n,)
+    as of poses.
     """
 
     socket: NDArray[np.str_]
     q: Array
     came_from: Array | None = None
     row: Integers | None = None
+    rail: bool = False
 
     @property
     def rows(self) -> Integers:

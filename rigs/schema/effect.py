@@ -37,7 +37,7 @@ _PART_OF: dict[Stage, PartKind] = {
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
-SEATS = ("axis", "field", "gauge", "from_axis", "to_axis")
+SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 """Parameters that say where an effect sits."""
 
 
@@ -79,6 +79,8 @@ class Scope:
     gauges: tuple[Gauge, ...]
     twist_deg: tuple[float, ...]
     turned: tuple[float, ...]
+    rail: bool = False
+    """Whether a rail carries the arm, and stood in different places."""
 
     @property
     def axes(self) -> range:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -45,6 +46,22 @@ class JointAxis(Part):
         return self
 
 
+class Rail(Part):
+    """A rail that carries the arm: where it stands at e1_mm, the base is so far along the rail from where `base` is."""
+
+    direction: Vector = (1.0, 0.0, 0.0)
+    """The way in which it carries the arm, in the frame of the base; only its direction counts."""
+    limits_mm: tuple[Length, Length]
+
+    @model_validator(mode="after")
+    def _leads_somewhere(self) -> Rail:
+        if math.hypot(*self.direction) < 1e-9:
+            raise ValueError("direction needs a length above zero")
+        if not self.limits_mm[0] < self.limits_mm[1]:
+            raise ValueError(f"limits_mm {list(self.limits_mm)} are not [lower, upper]; swap them")
+        return self
+
+
 Share = Annotated[float, Field(ge=-1e3, le=1e3)]
 Row = tuple[Share, ...]
 Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
@@ -64,6 +81,7 @@ class Robot(Part):
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
     coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(FEWEST_AXES)
     base: Pose = Pose()
+    rail: Rail | None = None
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""

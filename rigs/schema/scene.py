@@ -74,6 +74,10 @@ class Scene(Protocol):
     def turned(self, axis: int, deviation: Array | float) -> Self:
         """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""
 
+    def along_rail(self, error_mm_m: Array) -> Self:
+        """The tool moved by an error (3,) in mm for each metre along the rail that carries the arm: along it, across it
+        and level, and across both; the same scene without a rail."""
+
     def shifted(self, offset_mm: Array) -> Self:
         """The tool moved by (n, 3) mm in the world."""
 

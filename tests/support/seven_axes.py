@@ -178,15 +178,26 @@ def pose_table(robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Ar
     return PoseTable(q, seen @ (turn * np.linalg.det(turn)).T + rng.normal(0, 1000, 3), None)
 
 
+def somewhere(rng: np.random.Generator) -> Array:
+    """A place (3,) mm for a socket, 350 to 600 mm beside the base."""
+    around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)
+    return np.array([away * np.cos(around), away * np.sin(around), high])
+
+
 def touch_table(
-    robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Array, sockets: int, touches: int
+    robot: Robot,
+    truth: Truth,
+    rng: np.random.Generator,
+    ball_mm: Array,
+    sockets: int | Array,
+    touches: int,
 ) -> TouchTable:
-    """Touches of sockets A, B … 350 to 600 mm beside the base, shared out equally."""
+    """Touches of sockets A, B … somewhere, or at places (s, 3) mm, shared out equally."""
     q, names, came = [], [], []
-    for number in range(sockets):
-        around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)
-        socket = np.array([away * np.cos(around), away * np.sin(around), high])
-        count = touches // sockets
+    places = sockets if isinstance(sockets, np.ndarray) else [None] * sockets
+    for number, given in enumerate(places):
+        socket = somewhere(rng) if given is None else given
+        count = touches // len(places)
         nominal = seated(robot, rng, socket, ball_mm, count)
         before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
         seat = socket + rng.normal(0, truth.scatter_mm, (count, 3))

@@ -249,7 +249,7 @@ def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() 
 
 def _of_size(name: str, value: float, **sd: float) -> Effect:
     needed = {"axis": 1, "field": "a", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 2, "lobes": 2}
-    needed |= {"period_mm": 1.0, "frequency_hz": 5.0}
+    needed |= {"period_mm": 1.0, "frequency_hz": 5.0, "way": "along"}
     model = VOCABULARY[name]
     fields = {key: field for key, field in needed.items() if key in model.model_fields}
     bare = model.model_validate(fields)
@@ -261,6 +261,7 @@ def _of_size(name: str, value: float, **sd: float) -> Effect:
 def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_allows(name: str) -> None:
     field = size_field(_of_size(name, 0.0))
     postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
+    postural |= {"rail_line"}
     (sure,) = supports(_rig(_of_size(name, 0.004, **{field: 0.001})))
     assert (sure.use != "none") == (name in postural)
     for doubtful in (_of_size(name, 0.004, **{field: 0.004}), _of_size(name, 0.004)):

@@ -94,7 +94,8 @@ def test_every_effect_declares_a_stage_and_is_small_for_small_sizes(effect: Effe
 
 def test_every_name_of_the_vocabulary_has_its_file_and_the_other_way_round() -> None:
     files = {path.stem for path in Path(rigs.effects.__file__).parent.glob("*.py")} - {"__init__"}
-    assert set(VOCABULARY) == files == {effect.effect for effect in EXAMPLES}
+    of_a_rail = {"rail_line"}  # which no gauge sees: test_rail.py
+    assert set(VOCABULARY) == files == {effect.effect for effect in EXAMPLES} | of_a_rail
 
 
 def _link_side_deg(effect: Effect, q: np.ndarray | None = None, t: np.ndarray | None = None) -> np.ndarray:

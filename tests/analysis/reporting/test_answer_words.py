@@ -17,7 +17,7 @@ from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 NEED: dict[str, Any] = {
     "axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3, "period_mm": 0.5,
-    "frequency_hz": 8.5,
+    "frequency_hz": 8.5, "way": "up",
 }  # fmt: skip
 
 

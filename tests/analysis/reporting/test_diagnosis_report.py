@@ -240,7 +240,7 @@ def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", VOCABULARY)
 def test_every_effect_has_plain_words(name: str) -> None:
     need = {"axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3}
-    need |= {"period_mm": 0.5, "frequency_hz": 8.5}
+    need |= {"period_mm": 0.5, "frequency_hz": 8.5, "way": "up"}
     fields = VOCABULARY[name].model_fields
     effect: Any = VOCABULARY[name].model_validate({key: value for key, value in need.items() if key in fields})
     words = plain(RIG, effect)

@@ -1,0 +1,89 @@
+"""Known distances of sockets, as readings beside those of blocks: each ties the set-ups of two sockets.
+
+Touches of one ball do not show whether all lengths of an arm are too long by the same share: the sockets are then just
+as much further apart. A distance that is known shows it. It is a reading of its own, of two set-ups and of no error of
+the arm, with the scatter of two seated balls; that it may be known wrongly is one error for all placements of the
+sockets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from analysis.inference.blocks import Block
+from analysis.kinematics.arm import Array
+from analysis.measures.touch import SEAT_MM
+from analysis.model.predict import SetUp
+from analysis.traces.tables import TouchTable
+from rigs.schema.declared_tests import SocketDistance
+
+_SD_MM = float(np.sqrt(2.0)) * SEAT_MM
+"""Standard deviation of the distance of two balls that are seated."""
+
+
+@dataclass(frozen=True)
+class KnownDistances:
+    """The known distances of the sockets of some touches: `pairs` (t) has the names of two set-ups each, and `known`
+    (t) what the rig file says of them."""
+
+    pairs: tuple[tuple[str, str], ...]
+    known: tuple[SocketDistance, ...]
+
+    def residual(self, setups: Mapping[str, SetUp]) -> Array:
+        """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
+        apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
+        known = [one.distance_mm for one in self.known]
+        left: Array = (np.array(known) - np.array(apart)) / _SD_MM
+        return left
+
+    def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
+        """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
+        are those of each set-up, that of the socket first."""
+        slopes = np.zeros((len(self.pairs), count))
+        for row, pair in zip(slopes, self.pairs, strict=True):
+            away = _between(setups, pair)
+            along = away / np.linalg.norm(away) / _SD_MM
+            row[terms[pair[0]][:3]] -= along
+            row[terms[pair[1]][:3]] += along
+        return slopes
+
+    @property
+    def scatter(self) -> Array:
+        """What one standard uncertainty of each distance of the rig file adds (t, c), in the same unit."""
+        different = list(dict.fromkeys(self.known))
+        alike = np.array([[one == other for other in different] for one in self.known], dtype=float)
+        return alike.reshape(len(self.known), len(different)) * [one.u_mm / _SD_MM for one in different]
+
+
+def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
+    """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
+    once. What belongs to them follows the entries (N,) of the blocks."""
+    found: dict[tuple[str, str], SocketDistance] = {}
+    touched = [block for block in blocks if isinstance(block.one.table, TouchTable)]
+    for one, other in combinations(touched, 2):
+        touch = one.model.rig.tests.touch
+        if touch is None or one.one.table is not other.one.table:
+            continue
+        between = {_socket(one), _socket(other)}
+        for known in touch.distances:
+            if set(known.between) == between:
+                found[one.one.setup, other.one.setup] = known
+    return KnownDistances(tuple(found), tuple(found.values()))
+
+
+def _socket(block: Block) -> str:
+    """Return the name of the socket of a block of touches."""
+    table = block.one.table
+    assert isinstance(table, TouchTable)  # noqa: S101 - of touches, all are
+    return str(table.socket[block.one.rows[0]])
+
+
+def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
+    """Return the way (3,) mm from one socket to the other."""
+    one, other = (setups[name].T_instrument_world[:3, 3] for name in pair)
+    way: Array = other - one
+    return way

@@ -1,0 +1,61 @@
+"""Rail line: the line along which a rail carries the arm is not what the rig file and the controller take it for."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.scene import S
+
+Way = Literal["along", "across", "up"]
+_WAYS: tuple[Way, ...] = ("along", "across", "up")
+_IN_WORDS: dict[Way, str] = {
+    "along": "scale of the rail",
+    "across": "direction of the rail, sideways",
+    "up": "direction of the rail, in height",
+}
+_REMEDIES: dict[Way, str] = {
+    "along": "correct the controller's ratio of the rail, or its encoder's scale",
+    "across": "correct the rail's direction in the controller and in the rig file",
+    "up": "level the rail, or correct its direction in the controller and in the rig file",
+}
+
+
+class RailLine(Effect):
+    """The base stands `mm_per_m` further off for each metre of the rail: `along` it (its scale), `across` it and level,
+    or `up`, across both."""
+
+    effect: Literal["rail_line"] = "rail_line"
+    way: Way
+    mm_per_m: float = size(50, 0.05)
+    """Healthy: racks of quality 6 (DIN 3962) are within 0.036 mm on a metre, levels and lasers align as well."""
+
+    STAGE = "tool"
+    PART = "constants"
+    PLACE = Place("(?P<way>along|across|up)?", "along", {"way": _WAYS})
+
+    def apply(self, scene: S) -> S:
+        """The arm moved, as far as the rail stands along its way."""
+        return scene.along_rail(self.mm_per_m * np.eye(3)[_WAYS.index(self.way)])
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[RailLine]]:
+        """Each way, where a rail was moved."""
+        return [[cls(way=way)] for way in _WAYS] if scope.rail else []
+
+    def plain(self, joint: str) -> str:
+        return _IN_WORDS[self.way]
+
+    def remedy(self) -> str:
+        return f"the arm stands {self.mm_per_m:+.4f} mm off for each metre of the rail: {_REMEDIES[self.way]}"
+
+    def compensation(self) -> Compensation:
+        """It depends on where the rail stands, which a target says."""
+        return BY_TARGETS
+
+    @property
+    def seat(self) -> str:
+        """The way."""
+        return self.way
