@@ -279,14 +279,23 @@ class Posterior:
 
     @cached_property
     def spent(self) -> Array:
-        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides.
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
+        found: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
+        return found
 
-        What a fitted term adds to the readings is what the columns leave of it, since they take back the rest.
-        """
-        columns = self.background.columns
-        left = self.terms.T - columns.X @ self._taken[:, :-1]
-        each = np.sum(left @ self.known_covariance * left, axis=1)
-        found: Array = self.background.spent + np.bincount(columns.band, each)
+    @cached_property
+    def weighted_spent(self) -> Array:
+        """The same with the weights of the readings (b,)."""
+        background, columns = self.background, self.background.columns
+        found: Array = columns.weighted_spent(background.weight, background.covariance)
+        return found + np.bincount(columns.band, background.weight * self._of_terms)
+
+    @cached_property
+    def _of_terms(self) -> Array:
+        """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
+        leave of them, since they take back the rest."""
+        left = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
+        found: Array = np.sum(left @ self.known_covariance * left, axis=1)
         return found
 
     @property

@@ -420,9 +420,9 @@ GROUPS = 20
 """Number of neighbourhoods of joint space. Chosen: few enough for several poses in each, and enough for five folds."""
 _FEWEST_OF_A_GROUP = 5
 """Smallest average number of places in a neighbourhood. Chosen: k-means needs a few for a centre."""
-_FEWEST = 3
-"""Smallest average number of poses in a neighbourhood; with fewer no neighbourhood is held out. Chosen: k-means needs a
-few poses for a centre."""
+FEWEST_PLACES = 3 * GROUPS
+"""Number of poses below which they are few, and no neighbourhood is held out. Chosen: k-means needs a few poses for a
+centre."""
 
 
 def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
@@ -460,7 +460,7 @@ def without_a_fold(
     few poses, stay whole."""
     used, left_out = [], []
     for run in runs:
-        if not isinstance(run.one.table, PlaceTable) or len(run.one.rows) < _FEWEST * GROUPS:
+        if not isinstance(run.one.table, PlaceTable) or len(run.one.rows) < FEWEST_PLACES:
             used.append(run)
             continue
         out = folds_of(run.one.table.q[run.one.rows], folds) == fold
