@@ -283,6 +283,22 @@ class Posterior:
         found: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
         return found
 
+    def left_out(self, rows: Integers) -> tuple[Array, Array]:
+        """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
+        variances (n,) of these predictions without the noise of the readings.
+
+        Of a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
+        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). What a
+        fit of sizes and widths took from the rows stays in.
+        """
+        background, weight = self.background, self.background.weight[rows]
+        X = background.columns.X[rows]
+        terms = self.terms.T[rows] - X @ self._taken[:, :-1]
+        modelled = X @ background.covariance @ X.T + terms @ self.known_covariance @ terms.T
+        covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
+        missed: Array = covariance @ (weight * self.residual[rows])
+        return missed, np.maximum(np.diag(covariance) - 1 / weight, 0.0)
+
     @cached_property
     def weighted_spent(self) -> Array:
         """The same with the weights of the readings (b,)."""

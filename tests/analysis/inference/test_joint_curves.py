@@ -38,7 +38,7 @@ def test_columns_know_their_joints_orders_and_gaps() -> None:
 def _likelihood(
     X: Array, y: Array, columns: CurveColumns, curves: JointCurves, strength: Array
 ) -> tuple[float, Array, Array]:
-    """The log likelihood of readings (N,) in noise of a strength (1,), from the dense covariance, and its derivatives."""
+    """The log likelihood of readings (N,) in noise of a strength (1,), by the dense covariance, and its derivatives."""
     variance = columns.variance(curves)
     C = strength * np.eye(len(y)) + (X * variance) @ X.T
     inverse = np.linalg.inv(C)
