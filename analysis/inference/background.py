@@ -279,14 +279,39 @@ class Posterior:
 
     @cached_property
     def spent(self) -> Array:
-        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides.
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
+        found: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
+        return found
 
-        What a fitted term adds to the readings is what the columns leave of it, since they take back the rest.
+    def left_out(self, rows: Integers) -> tuple[Array, Array]:
+        """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
+        variances (n,) of these predictions without the noise of the readings.
+
+        Of a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
+        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). What a
+        fit of sizes and widths took from the rows stays in.
         """
-        columns = self.background.columns
-        left = self.terms.T - columns.X @ self._taken[:, :-1]
-        each = np.sum(left @ self.known_covariance * left, axis=1)
-        found: Array = self.background.spent + np.bincount(columns.band, each)
+        background, weight = self.background, self.background.weight[rows]
+        X = background.columns.X[rows]
+        terms = self.terms.T[rows] - X @ self._taken[:, :-1]
+        modelled = X @ background.covariance @ X.T + terms @ self.known_covariance @ terms.T
+        covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
+        missed: Array = covariance @ (weight * self.residual[rows])
+        return missed, np.maximum(np.diag(covariance) - 1 / weight, 0.0)
+
+    @cached_property
+    def weighted_spent(self) -> Array:
+        """The same with the weights of the readings (b,)."""
+        background, columns = self.background, self.background.columns
+        found: Array = columns.weighted_spent(background.weight, background.covariance)
+        return found + np.bincount(columns.band, background.weight * self._of_terms)
+
+    @cached_property
+    def _of_terms(self) -> Array:
+        """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
+        leave of them, since they take back the rest."""
+        left = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
+        found: Array = np.sum(left @ self.known_covariance * left, axis=1)
         return found
 
     @property

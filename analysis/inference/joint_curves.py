@@ -35,10 +35,18 @@ _DECAY, _DECAY_SPREAD = 1.0, 0.5
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
 """Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
 healthy sizes is 0.1°."""
-_MOST_OF_A_KIND = 5.0
-"""Largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own name."""
+_WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
+"""Expected and largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own
+name."""
+_MOST_STRENGTH = 1e6
+"""Largest strength of the noise: a thousand times the scatter of a real pose, which nothing exceeds but a wrong arm."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
+
+
+LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
+"""Of curves and strengths (b,) of the noise: the log likelihood of the readings, and its derivatives by the logarithms
+of the prior variances (c,), which are in healthy sizes squared, and of the strengths (b,)."""
 
 
 def is_of_curve(effect: Effect) -> bool:
@@ -87,29 +95,36 @@ class CurveColumns:
         found: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
         return found
 
-    def fitted(self, start: JointCurves, log_likelihood: Callable[[JointCurves], tuple[float, Array]]) -> JointCurves:
-        """Return the likeliest curves, searched from `start`, given the log likelihood of the readings for curves and
-        its derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared."""
+    def fitted(
+        self, start: JointCurves, strength: Array, least: Array, log_likelihood: LogLikelihood
+    ) -> tuple[JointCurves, Array]:
+        """Return the likeliest curves and strengths (b,) of the noise, searched from `start` and `strength`, no
+        smaller than `least` (b,), given the log likelihood of the readings.
+
+        Both are searched together: what curves are too small to hold looks like noise, beside which they stay small.
+        """
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
 
         joints = len(start.widths)
-        expected = np.array([np.log(_WIDTH)] * joints + [_DECAY])
+        kinds = np.arange(joints) >= MOST_AXES
+        expected = np.append(np.log(np.where(kinds, _WIDTH_OF_A_KIND, _WIDTH)), _DECAY)
         spread = np.array([_WIDTH_SPREAD] * joints + [_DECAY_SPREAD])
 
         def cost(x: Array) -> tuple[float, Array]:
-            likely, by_variance = log_likelihood(_curves(x))
+            likely, by_variance, by_strength = log_likelihood(_curves(x[: joints + 1]), np.exp(x[joints + 1 :]))
             slope = np.append(np.bincount(self.joint, 2 * by_variance, joints), -2 * np.log(self.order) @ by_variance)
-            away = (x - expected) / spread
-            return 0.5 * float(away @ away) - likely, away / spread - slope
+            away = (x[: joints + 1] - expected) / spread
+            return 0.5 * float(away @ away) - likely, np.append(away / spread - slope, -by_strength)
 
-        begin = np.append(np.log(start.widths), start.decay)
-        high = [_MOST_OF_A_KIND if joint >= MOST_AXES else _WIDTHS[1] for joint in range(joints)]
-        bounds = [*((np.log(_WIDTHS[0]), np.log(most)) for most in high), _DECAYS]
+        begin = np.concatenate([np.log(start.widths), [start.decay], np.log(strength)])
+        widths = [(_WIDTHS[0], _MOST_OF_A_KIND if kind else _WIDTHS[1]) for kind in kinds]
+        noise = [(low, _MOST_STRENGTH) for low in least]
+        bounds = [*np.log(widths), _DECAYS, *np.log(noise)]
         enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
         found = minimize(
             cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
         )
-        return _curves(found.x)
+        return _curves(found.x[: joints + 1]), np.exp(found.x[joints + 1 :])
 
 
 def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -> CurveColumns:

@@ -11,7 +11,6 @@ import numpy as np
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
-from analysis.inference.joint_curves import JointCurves
 from analysis.inference.observation import ObservedRun
 from analysis.inference.responses import LEAST_MATERIAL_UM, Linearisation, basis_of, limits_um, linearise, plain_worth
 from analysis.inference.rivals import RivalOdds, compare_with_rivals
@@ -104,14 +103,13 @@ def search(
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     before: tuple[Effect, ...] = ()
     known: tuple[Effect, ...] = ()
-    setups, curves = _starting_setups(runs, progress)
+    setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
-        begun = selection.fitted_again(selection.initial_state(known, curves), before)
-        curves = begun.curves
+        begun = selection.fitted_again(selection.initial_state(known, begun), before)
         before = begun.faults_among(begun.refined.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
@@ -129,15 +127,15 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
     else is named, and nothing is a rival."""
     known: tuple[Effect, ...] = ()
-    setups, curves = _starting_setups(runs, progress)
+    setups, before = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
-        begun = (selection.initial_state if turn else selection.state_with)(effects, curves)
+        begun = (selection.initial_state if turn else selection.state_with)(effects, before)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = selection.settled(*beginnings(begun))
-        effects, curves = state.refined.effects, state.curves
+        state = before = selection.settled(*beginnings(begun))
+        effects = state.refined.effects
         if selection.holds_for(state):
             break
         known = state.refined.effects
@@ -148,26 +146,26 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
 
 def _starting_setups(
     runs: Sequence[ObservedRun], progress: Callable[[str], None]
-) -> tuple[dict[str, SetUp], JointCurves | None]:
+) -> tuple[dict[str, SetUp], SelectionState | None]:
     """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect,
-    with the curves of its joints.
+    in the state that is returned too, with the curves of its joints.
 
     A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
     setups = fit_run_setups(_first_of_each(runs))[0]
-    poses, curves = [run for run in runs if isinstance(run.one.table, PlaceTable)], None
+    poses, begun = [run for run in runs if isinstance(run.one.table, PlaceTable)], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         own = {run.one.setup: setups[run.one.setup] for run in poses}
         linear = linearise(blocks_of(poses, own), own)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
-        begun = selection.initial_state(curves=curves)
-        curves, moves = begun.curves, selection.moves(begun)
+        begun = selection.initial_state(before=begun)
+        moves = selection.moves(begun)
         setups |= linear.setups_moved_by(moves)
         if linear.is_straight(moves):
             break
-    return setups, curves
+    return setups, begun
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -421,9 +421,9 @@ GROUPS = 20
 """Number of neighbourhoods of joint space. Chosen: few enough for several poses in each, and enough for five folds."""
 _FEWEST_OF_A_GROUP = 5
 """Smallest average number of places in a neighbourhood. Chosen: k-means needs a few for a centre."""
-_FEWEST = 3
-"""Smallest average number of poses in a neighbourhood; with fewer no neighbourhood is held out. Chosen: k-means needs a
-few poses for a centre."""
+FEWEST_PLACES = 3 * GROUPS
+"""Number of poses below which they are few, and no neighbourhood is held out. Chosen: k-means needs a few poses for a
+centre."""
 
 
 def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
@@ -468,7 +468,7 @@ def without_a_fold(
     used, left_out = [], []
     for run in runs:
         q = run.one.table.q[run.one.rows]
-        few = len(q) < _FEWEST * GROUPS or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
+        few = len(q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
         if not isinstance(run.one.table, PlaceTable) or few:
             used.append(run)
             continue

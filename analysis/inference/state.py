@@ -190,8 +190,8 @@ class Hyperparameters:
     columns: Columns
 
     @cached_property
-    def _least(self) -> Array:
-        """The smallest strength (b,) of each band."""
+    def least_strength(self) -> Array:
+        """The smallest strength (b,) of each band: noise that repeats show is no smaller, assumed noise may be."""
         assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
 
@@ -253,13 +253,19 @@ class Hyperparameters:
         free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
         ratio: Array = np.maximum(energy / free, 1e-9)
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
-        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.least_strength, 1.0))
+
+    def by_strength(self, posterior: Posterior) -> Array:
+        """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
+        energy = np.bincount(self.columns.band, posterior.background.weight * posterior.residual**2)
+        slope: Array = 0.5 * (energy + posterior.weighted_spent - self.columns.count)
+        return slope
 
     def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977)."""
         energy, spent = self._energy(state, posterior)
-        nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
+        nearer: Array = np.maximum((energy + spent) / self.columns.count, self.least_strength)
         return np.where(np.isfinite(self._band_price), nearer, 1.0)
 
     def update(

@@ -16,7 +16,7 @@ from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
-from analysis.inference.setups import fit_run_setups, with_effects
+from analysis.inference.setups import FEWEST_PLACES, fit_run_setups, neighbourhoods, with_effects
 from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
@@ -97,8 +97,8 @@ def _largest(left: Array) -> float:
 
 
 def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> float:
-    """Return by which factor the calibrated model misses poses left out by more than it states, at least 1: a Birge
-    ratio. 1 where no such poses keep the set-up of runs used.
+    """Return by which factor the calibrated model misses poses left out by more than it states, at least 1: the larger
+    Birge ratio of poses `runs` that had no part in it, and of those used, each neighbourhood left out in its turn.
 
     A model that is smooth where an arm is not, or the same in postures where it is not, misses places between those
     that were measured by more than its covariance allows for. Residuals are (m, k) mm.
@@ -110,7 +110,35 @@ def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) 
         noise, variance = _stated_variances(run, stages.calibrated, result)
         missed += float((entries(residual, None) ** 2 - noise).sum())
         stated += float(variance.sum())
-    return float(np.sqrt(max(missed / stated, 1.0))) if stated > 0 else 1.0
+    return float(np.sqrt(max(missed / stated if stated > 0 else 1.0, _ratio_within(result), 1.0)))
+
+
+def _ratio_within(result: SearchResult) -> float:
+    """Return the ratio, as variances, by which the model of all others misses each neighbourhood of the poses used over
+    what it states, and one standard error more; 1 where there are no poses.
+
+    Of few neighbourhoods the ratio is known badly, which the standard error says: it comes from how much they differ.
+    Wild readings count as little as in the fit. Residuals and variances are those of whitened entries (n,).
+    """
+    linear, posterior = result.linear, result.calibrated_posterior
+    noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band]
+    excess, stated = [], []
+    for block, own in zip(linear.blocks, linear.rows, strict=True):
+        if not isinstance(block.one.table, PlaceTable):
+            continue
+        group = np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
+        for number in np.unique(group).tolist():
+            rows = own.start + np.flatnonzero(group == number)
+            missed, variance = posterior.left_out(rows)
+            robust = result.state.robust[rows]
+            excess.append(float(robust @ (missed**2 - noise[rows])))
+            stated.append(float(robust @ variance))
+    if not sum(stated) > 0:
+        return 1.0
+    ratio, count = sum(excess) / sum(stated), len(stated)
+    apart = np.array(excess) - ratio * np.array(stated)
+    error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(apart)) / sum(stated)
+    return ratio + error
 
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
@@ -241,16 +269,22 @@ def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
 
 def _floor(result: SearchResult, names: Collection[str]) -> float:
     """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
-    noise, that of touches as far as the readings show it."""
+    noise; that of touches, and of many poses, as far as the readings show it."""
     linear = result.linear
     alike = [block.name in names for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
     strength = result.state.strength[result.selection.columns.band]
     shown = [
-        min(float(strength[rows].mean()), 1.0) if isinstance(block.one.table, TouchTable) else 1.0
+        min(float(strength[rows].mean()), 1.0) if _shows_noise(block) else 1.0
         for block, rows in zip(linear.blocks, linear.rows, strict=True)
     ]
     return float(np.sqrt(size @ (shown * noise_um(linear) ** 2) / size.sum()))
+
+
+def _shows_noise(block: Block) -> bool:
+    """Return whether readings that were not repeated show their own noise: touches, and poses where there are many."""
+    many = isinstance(block.one.table, PlaceTable) and len(block.one.rows) >= FEWEST_PLACES
+    return many or isinstance(block.one.table, TouchTable)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,48 @@
+"""Few poses: of arms that an outside generator makes, with joint curves as large as those of a real UR10, a model of 30
+poses says how far off it is elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
+from analysis.correction.pose_uncertainty import frame_u_mm
+from analysis.model.predict import SetUp, model_of, path_of, predict
+from analysis.traces.tables import PoseTable
+from rigs.load import load
+from tests.support import soft_arm
+from tests.support.diagnosis_cells import found_in, measured
+
+Array = NDArray[np.float64]
+RIG = load("ur10")[0].model_copy(update={"effects": ()})
+FEW, ASKED = 30, 150
+LARGER = 4
+"""Times the curves of the generator, 0.003 to 0.02° of order 1: those of a UR10 are 0.03 to 0.06°."""
+
+
+def _judged(seed: int) -> tuple[Array, Array]:
+    """The errors (n,) mm of the model of few poses at others, and their stated u (n,) mm."""
+    rng = np.random.default_rng(seed)
+    arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
+    amplitude, order, phase = arm.wave
+    q, xyz_mm = soft_arm.seen(replace(arm, wave=(LARGER * amplitude, order, phase)), rng, FEW + ASKED, 0)
+    found = found_in([measured(PoseTable(q[:FEW], xyz_mm[:FEW], None), "pose", "few", RIG)], RIG)
+    known = found.calibrated
+    assert known
+    (placed,) = known.setups.values()
+    at = SetUp(np.zeros(3), np.zeros(1), np.array(placed.T_instrument_world), np.array(placed.T_tool_target))
+    model = model_of(RIG, [*(one.effect for one in found.standing), *known.effects])
+    asked = PoseTable(q[FEW:], np.zeros((ASKED, 3)), None)
+    places = predict(model, asked, path_of(model, asked), at).reshape(-1, 4, 4)[:, :3, 3]
+    u = frame_u_mm(RIG, CalibratedUncertainty(RIG, known), q[FEW:], q[:FEW])
+    return np.linalg.norm(places - xyz_mm[FEW:], axis=1), np.hypot(u, 1e-3 * found.train.noise_floor_um)
+
+
+def test_u_is_true_where_few_poses_were_given() -> None:
+    both = [_judged(seed) for seed in (11, 12)]
+    error, u = (np.concatenate([one[k] for one in both]) for k in (0, 1))
+    assert 0.7 < np.sqrt(np.mean((error / u) ** 2)) < 1.25
+    assert np.mean(error <= 2 * u) >= 0.9
