@@ -125,7 +125,8 @@ kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (fil
 kind fault_in_poses    arm.csv, and train.csv in the order in which the poses were driven. Answered as kind fault.
 kind fault_in_touches  arm.csv, touches.csv (touch, socket, q1_deg ..., q1_from_deg ...: where the joints stood when a
              ball on the flange sat in its socket, and where each came from). A socket is always at the same place,
-             which no file tells; the ball is within 20 mm of (0, 0, 120) of the last frame. Answered as kind fault.
+             which no file tells; each coordinate of the ball is within 20 mm of
+             (0, 0, 120) of the last frame. Answered as kind fault.
 """
 
 
@@ -362,7 +363,7 @@ def arm_tasks(seed: int, size: Size, seen: Seen, tasks: Path, truth: Path) -> It
         name = f"fault-in-{seen}-{number:02d}"
         rng = np.random.default_rng([seed, 0, world, number])
         write_arm_fault(kinds[place], seen, count, rng, tasks / name, truth / f"{name}.json")
-        yield Task(name, "fault_in_poses" if seen == "poses" else "fault_in_touches", seen, "drawn")
+        yield Task(name, "fault_in_poses" if seen == "poses" else "fault_in_touches", seen)
 
 
 def read_tasks(directory: Path) -> Sequence[Task]:
