@@ -1,13 +1,15 @@
-"""Least squares on the runs of a cell: which of the 24 constants are wrong, by the equations of docs/method.md alone.
+"""Least squares: which of the constants of an arm are wrong, by its poses or touches, or by the runs of a cell.
 
-An ordinary calibration from gauges: ball and zeros of each set-up are fitted beside a, alpha, d and zero of each axis,
-all readings alike. It names a constant that is at least five usual sizes off and three times its uncertainty, and
-knows no plays, gears or soft joints.
+An ordinary calibration. From gauges, by the equations of docs/method.md alone, ball and zeros of each set-up are fitted
+beside a, alpha, d and zero of each axis, from poses frame and target, from touches the ball and the place of each
+socket; all readings alike. It names a constant that is at least five usual sizes off and three times its uncertainty,
+and knows no plays, gears or soft joints.
 """
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,16 @@ import yaml
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from tests.support.ground.plain_arm import Array, PlainArm, read_columns
+from tests.support.ground.plain_arm import (
+    Array,
+    Frame,
+    PlainArm,
+    framed,
+    read_arm,
+    read_columns,
+    read_poses,
+    read_touches,
+)
 
 ROWS = 120
 """Readings of a circle that are used, evenly chosen."""
@@ -26,6 +37,8 @@ NAMES = (("link_geometry", "a", 0.2), ("link_geometry", "alpha", 0.02), ("link_g
 """Part, field and usual size of the constants, in the order of `PlainArm.changed`."""
 WEAK = 100.0
 """Usual sizes of a prior: what no reading determines stays where it was."""
+BALL_MM = (0.0, 0.0, 120.0)
+"""Where the page says that the ball is on the flange."""
 UNUSUAL, SURE = 5.0, 3.0
 """Usual sizes, and uncertainties, from which a constant is named."""
 
@@ -41,8 +54,41 @@ class Run:
     radius: float
 
 
-def named(here: Path) -> list[list[str]]:
-    """Return the rows of an answer: part, axis, size, u."""
+Rows = list[list[str]]
+"""Of an answer: part, axis, size, u."""
+
+
+def named_in_poses(here: Path) -> Rows:
+    """Return what poses of an arm name."""
+    arm, given = read_arm(here / "arm.csv"), read_poses(here / "train.csv")
+    return named(
+        arm.axes,
+        lambda x: Frame(x[4 * arm.axes :]).places(changed(arm, x), given.q) - given.xyz_mm,
+        framed(arm, given).values,
+    )
+
+
+def named_in_touches(here: Path) -> Rows:
+    """Return what touches of sockets name."""
+    arm = read_arm(here / "arm.csv")
+    touches = read_touches(here / "touches.csv", arm.axes)
+    socket = np.unique(touches.socket, return_inverse=True)[1]
+
+    def balls(x: Array, ball: Array) -> Array:
+        R, p = changed(arm, x).flange(touches.q)
+        return np.asarray(p + R @ ball)
+
+    zero, ball = np.zeros(4 * arm.axes), np.array(BALL_MM)
+    starts = np.array([balls(zero, ball)[socket == k].mean(axis=0) for k in range(socket.max() + 1)])
+    return named(
+        arm.axes,
+        lambda x: balls(x, x[len(zero) :][:3]) - x[len(zero) + 3 :].reshape(-1, 3)[socket],
+        np.concatenate([ball, starts.ravel()]),
+    )
+
+
+def named_in_cell(here: Path) -> Rows:
+    """Return what the runs of a cell name."""
     cell = yaml.safe_load((here / "cell.yaml").read_text(encoding="utf-8"))
     arm, base, tool = arm_of(cell["robot"])
     coupling = np.array(cell["robot"].get("coupling", np.eye(6)), dtype=float)
@@ -51,31 +97,48 @@ def named(here: Path) -> list[list[str]]:
         runs = [read_run(here, line, cell, coupling) for line in csv.DictReader(file)]
     setups = list(dict.fromkeys(run.setup for run in runs))
     starts = [cell["tests"]["hemisphere" if setup == "radial" else "circle"]["centre_mm"] for setup in setups]
-    usual = np.repeat([size for *_, size in NAMES], 6)
-    unit = np.where(np.isin(np.arange(24) // 6, (1, 3)), 1e3 * np.radians(1), 1.0)  # mm, or mrad for degrees
 
     def left(x: Array) -> Array:
-        own = arm.changed(np.concatenate([x[:18], coupling @ x[18:24]]) * unit)
+        own = changed(arm, x, coupling)
         parts = []
         for run in runs:
             k = 24 + 5 * setups.index(run.setup)
             parts.append(
                 (read(own, base, tool, run, offsets, x[k : k + 3]) - x[k + 3 : k + 3 + run.g.shape[1]] - run.g).ravel()
             )
-        return np.concatenate([*parts, x[:24] / (WEAK * usual)])
+        return np.concatenate(parts)
 
-    start = np.concatenate([np.zeros(24), *(np.append(place, [0.0, 0.0]) for place in starts)])
-    found = least_squares(left, start, x_scale="jac", loss="soft_l1", f_scale=0.1, max_nfev=30)
-    variance = float(np.mean(left(found.x)[:-24] ** 2))
+    return named(6, left, np.concatenate([np.append(place, [0.0, 0.0]) for place in starts]))
+
+
+def changed(arm: PlainArm, x: Array, coupling: Array | None = None) -> PlainArm:
+    """Return an arm with its constants changed by the first of x, in mm and degrees, zeros through a coupling."""
+    change = x[: 4 * arm.axes].reshape(4, -1).copy()
+    if coupling is not None:
+        change[3] = coupling @ change[3]
+    change[[1, 3]] *= 1e3 * np.radians(1)  # to mrad
+    return arm.changed(change.ravel())
+
+
+def named(axes: int, left: Callable[[Array], Array], setup: Array) -> Rows:
+    """Return the constants that are off by residuals (mm) of a vector of constants and set-up, the surest first."""
+    count = 4 * axes
+    usual = np.repeat([size for *_, size in NAMES], axes)
+    found = least_squares(
+        lambda x: np.concatenate([left(x).ravel(), x[:count] / (WEAK * usual)]),
+        np.concatenate([np.zeros(count), setup]),
+        x_scale="jac", loss="soft_l1", f_scale=0.1, max_nfev=30,
+    )  # fmt: skip
+    variance = float(np.mean(left(found.x) ** 2))
     seen = np.linalg.norm(found.jac, axis=0) > 0  # a hemisphere has one zero of the two
     covariance = variance * np.linalg.inv(found.jac[:, seen].T @ found.jac[:, seen])
-    u = np.sqrt(np.diag(covariance))[:24]
-    size = found.x[:24]
+    u = np.sqrt(np.diag(covariance))[:count]
+    size = found.x[:count]
     off = (np.abs(size) >= UNUSUAL * usual) & (np.abs(size) >= SURE * u)
     rows = []
     for k in sorted(np.flatnonzero(off), key=lambda k: -abs(size[k]) / u[k]):
-        part, field, _ = NAMES[k // 6]
-        rows.append([part, f"{k % 6 + 1}{'.' * bool(field)}{field}", f"{size[k]:.6g}", f"{u[k]:.6g}"])
+        part, field, _ = NAMES[k // axes]
+        rows.append([part, f"{k % axes + 1}{'.' * bool(field)}{field}", f"{size[k]:.6g}", f"{u[k]:.6g}"])
     return rows
 
 

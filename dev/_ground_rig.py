@@ -25,12 +25,23 @@ from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
-from tests.support.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_poses, write_rows
+from tests.support.ground.plain_arm import (
+    Array,
+    PlainArm,
+    Poses,
+    joints,
+    read_arm,
+    read_columns,
+    read_poses,
+    write_rows,
+)
 from tests.support.ground.tasks import Task, read_tasks
 
 TEMPLATE = "ur10"
 """A shipped rig file, of which everything but the arm stays: it has no part in poses."""
 SPEED_DEG_S = 120
+BALL_MM = [0, 0, 120]
+"""Where the page says that the ball is on the flange."""
 
 
 def answered(tasks: Path, answers: Path) -> None:
@@ -50,8 +61,9 @@ def answered(tasks: Path, answers: Path) -> None:
 
 def answer(task: Task, here: Path, path: Path, work: Path) -> None:
     """Answer one task."""
-    if task.kind == "fault":
-        write_rows(path, ("part", "axis", "size", "u"), faults(here))
+    if task.kind != "poses":
+        runs = {"fault": cell_runs, "fault_in_poses": pose_runs, "fault_in_touches": touch_runs}[task.kind](here, work)
+        write_rows(path, ("part", "axis", "size", "u"), faults(runs))
         return
     arm, given, asked = read_arm(here / "arm.csv"), *(read_poses(here / f"{one}.csv") for one in ("train", "test"))
     places, u = placed(arm, given, asked, work)
@@ -68,8 +80,7 @@ def answer(task: Task, here: Path, path: Path, work: Path) -> None:
 
 def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array, Array]:
     """Return the places (m, 3) mm of the poses asked, and u (m,) mm of each distance."""
-    rig_file = work / "cell.yaml"
-    rig_file.write_text(yaml.safe_dump(rig_of(arm)), encoding="utf-8")
+    rig_file = write_rig(rig_of(arm), work)
     runs = [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
     found = calibrate(runs)
     places, u = np.zeros((len(asked.q), 3)), np.zeros(len(asked.q))
@@ -107,6 +118,13 @@ def rig_of(arm: PlainArm) -> dict[str, Any]:
     return data
 
 
+def write_rig(data: dict[str, Any], work: Path) -> Path:
+    """Write a rig file and return where it is."""
+    path = work / "cell.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
 def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured:
     """Return the poses of one placement as a run."""
     of = given.of(given.placement == placement)
@@ -136,13 +154,37 @@ def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Arra
 # Faults
 
 
-def faults(here: Path) -> list[list[str]]:
-    """Return a row for each fault by which the diagnosis of a cell stands, the surest first."""
+def cell_runs(here: Path, _: Path) -> list[Measured]:
+    """Read the runs of a cell."""
     runs = []
     with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
         for line in csv.DictReader(file):
             direction: Any = line["direction"] or None
             runs.append(read_table(here / line["file"], here / "cell.yaml", line["test"], direction))  # type: ignore[arg-type]
+    return runs
+
+
+def pose_runs(here: Path, work: Path) -> list[Measured]:
+    """Read poses of an arm, in the order in which they were driven."""
+    rig_file = write_rig(bare(rig_of(read_arm(here / "arm.csv"))), work)
+    given = read_poses(here / "train.csv")
+    return [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
+
+
+def touch_runs(here: Path, work: Path) -> list[Measured]:
+    """Read touches of sockets."""
+    sockets = sorted({str(one) for one in read_columns(here / "touches.csv")["socket"]})
+    data = bare(rig_of(read_arm(here / "arm.csv"))) | {"tests": {"touch": {"sockets": sockets, "ball_mm": BALL_MM}}}
+    return [read_table(here / "touches.csv", write_rig(data, work), "touch")]
+
+
+def bare(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a rig file with nothing that hangs at the flange."""
+    return data | {"robot": data["robot"] | {"payload_kg": 0}}
+
+
+def faults(runs: list[Measured]) -> list[list[str]]:
+    """Return a row for each fault by which the diagnosis of runs stands, the surest first."""
     rows = []
     for named in diagnose(runs).standing:
         field = size_field(named.effect)

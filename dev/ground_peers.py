@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from _ground_constants import named
+from _ground_constants import named_in_cell, named_in_poses, named_in_touches
 from pybotics.optimization import OptimizationHandler, optimize_accuracy
 from pybotics.robot import Robot
 from pybotics.tool import Tool
@@ -188,6 +188,8 @@ ENTRIES: dict[str, Callable[[PlainArm, Poses, Poses], Answer]] = {
     "gaussian-process": by_gaussian_process,
     "pybotics": by_pybotics,
 }
+NAMING = {"fault": named_in_cell, "fault_in_poses": named_in_poses, "fault_in_touches": named_in_touches}
+"""How least squares names what is wrong, by kind of task."""
 
 
 def tasks_of(directory: Path, kind: str) -> list[str]:
@@ -218,10 +220,11 @@ def main() -> int:
         poses = (read_poses(here / f"{one}.csv") for one in ("train", "test"))
         write_answer(given.answers / f"{name}.csv", ENTRIES[given.entry](read_arm(here / "arm.csv"), *poses))
         print(f"{given.entry}: {name}, {time.process_time() - begin:.1f} s", flush=True)
-    for name in tasks_of(given.tasks, "fault") if given.entry == "least-squares" else ():
-        begin = time.process_time()
-        write_rows(given.answers / f"{name}.csv", ("part", "axis", "size", "u"), named(given.tasks / name))
-        print(f"{given.entry}: {name}, {time.process_time() - begin:.1f} s", flush=True)
+    for kind, named in NAMING.items() if given.entry == "least-squares" else ():
+        for name in tasks_of(given.tasks, kind):
+            begin = time.process_time()
+            write_rows(given.answers / f"{name}.csv", ("part", "axis", "size", "u"), named(given.tasks / name))
+            print(f"{given.entry}: {name}, {time.process_time() - begin:.1f} s", flush=True)
     return 0
 
 

@@ -25,14 +25,22 @@ from rigs.effects import Effect, changed, turned
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, size_field
-from tests.support.seven_axes import Fault, Truth, draw_postures, draw_truth, pose_table, run_of, touch_table
+from tests.support.seven_axes import (
+    Fault,
+    Truth,
+    draw_faults,
+    draw_postures,
+    draw_truth,
+    pose_table,
+    run_of,
+    touch_table,
+)
 
 POSES, TOUCHES, UNSEEN = 200, 40, 200
 BALL_MM = np.array([10.0, -5.0, 120.0])
 _STEPS, _STEP, _SHOWN, _LONGEST = 5, 1e-3, 1e-3, 4.9
 """Least squares: steps, the step of the slopes (mm and degrees), the singular value below which nothing is moved, as a
 share of the largest, and the longest step."""
-KINDS = ("zero", "length", "play", "compliance")
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,11 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None) -> Case:
     """One arm, measured and diagnosed."""
     rng = np.random.default_rng([7, seed])
     rig = _rig(name, max(sockets, 1))
-    faults = _faults(rig, rng, play_deg)
+    faults = (
+        draw_faults(rig.robot, rng, int(rng.integers(1, 3)))
+        if play_deg is None
+        else (Fault("play", int(rng.integers(1, 7)), play_deg),)
+    )
     truth = draw_truth(rig.robot, rng, faults)
     table = (
         touch_table(rig.robot, truth, rng, BALL_MM, sockets, TOUCHES)
@@ -93,26 +105,6 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None) -> Case:
 def _rig(name: str, sockets: int) -> Rig:
     names = ", ".join(f'"{letter}"' for letter in "ABCD"[:sockets])
     return parse(f"name: seven\n{load_arm(name).text}tests: {{touch: {{sockets: [{names}]}}}}\n", "seven.yaml")
-
-
-def _faults(rig: Rig, rng: np.random.Generator, play_deg: float | None) -> tuple[Fault, ...]:
-    """One or two faults of joints and constants that can show: those of the first joint are the set-up's."""
-    if play_deg is not None:
-        return (Fault("play", int(rng.integers(1, 7)), play_deg),)
-    found: list[Fault] = []
-    for kind in rng.choice(KINDS, rng.integers(1, 3), replace=False):
-        axis, sign = int(rng.integers(2, 7)), float(rng.choice([-1, 1]))
-        match str(kind):
-            case "zero":
-                found.append(Fault("zero", axis, sign * rng.uniform(0.15, 0.5)))
-            case "length":
-                field = "d" if rig.robot.axes[axis - 1].d_mm else "a"
-                found.append(Fault("length", axis, sign * rng.uniform(1.5, 4.0), field))
-            case "play":
-                found.append(Fault("play", axis, rng.uniform(0.05, 0.15)))
-            case "compliance":
-                found.append(Fault("compliance", int(rng.choice([2, 4])), rng.uniform(0.005, 0.02)))
-    return tuple(found)
 
 
 def _unseen_mm(rig: Rig, truth: Truth, effects: list[Effect], seed: int) -> float:

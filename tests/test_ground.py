@@ -12,13 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.traces.tables import TouchTable
+from rigs.arms import load_arm
+from tests.support.ground.arms import BALL_MM, effects_of, write_seen
 from tests.support.ground.plain_arm import read_columns, read_poses, write_rows
 from tests.support.ground.score import scored
 from tests.support.ground.table import draw, markdown
 from tests.support.ground.tasks import Size, make, read_tasks
+from tests.support.seven_axes import Fault, came_from, draw_truth, pose_table, touch_table
 
 ROOT = Path(__file__).parents[1]
-SMALL = Size({"one": 1}, {"healthy": 1}, arms=1, many=40, few=12, asked=20)
+SMALL = Size(
+    {"one": 1}, {"healthy": 1}, arms=1, many=40, few=12, asked=20,
+    in_poses={"sound": 1, "two": 1}, in_touches={"sound": 1, "one": 1}, poses=60,
+)  # fmt: skip
 SEED = 97
 PERFECT_NM = 20
 """Answers are written to 10 nm."""
@@ -26,7 +33,7 @@ PERFECT_NM = 20
 
 @pytest.fixture(scope="module")
 def ground(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two tasks of poses, a cell with a fault, and a sound one."""
+    """Two tasks of poses; a cell with a fault, an arm with faults in poses and one in touches, and a sound one each."""
     directory = tmp_path_factory.mktemp("ground") / "small"
     left_out = make(directory, SEED, SMALL, None)
     assert len(left_out) == 3 and all("--data" in line for line in left_out)
@@ -63,8 +70,15 @@ def test_the_truth_scores_perfectly(ground: Path, tmp_path: Path) -> None:
         "names that are right",
         "sizes within 2 u",
         "one circle each way, sound: no part named",
+        "poses, sound: no part named",
+        "touches, sound: no part named",
+        "touches, one or two faults: those that show are named",
+        "touches: names that are right",
+        "touches: sizes within 2 u",
     ):
         assert (found[row]["share"].value, found[row]["share"].of) == (1, 1), row
+    for what in (", one or two faults: those that show are named", ": names that are right", ": sizes within 2 u"):
+        assert (found[f"poses{what}"]["share"].value, found[f"poses{what}"]["share"].of) == (1, 2)
 
 
 def test_an_empty_answer_scores_nothing(ground: Path, tmp_path: Path) -> None:
@@ -74,11 +88,15 @@ def test_an_empty_answer_scores_nothing(ground: Path, tmp_path: Path) -> None:
         assert found[row]["error_um"].value == found[row]["nominal_um"].value > 100
     assert found["one fault that shows: named first"]["share"].value == 0
     assert found["one circle each way, sound: no part named"]["share"].value == 0
+    for seen in ("poses", "touches"):
+        assert found[f"{seen}, sound: no part named"]["share"].value == 0
+        assert found[f"{seen}, one or two faults: those that show are named"]["share"].value == 0
+        assert found[f"{seen}: names that are right"]["answered"].value == 0
     assert found["names that are right"]["share"].of == found["sizes within 2 u"]["share"].of == 0
 
 
 def wrong_fault(answers: Path, tasks: dict[str, Path]) -> None:
-    """Name what is not there, with a size that is no number, in both cells."""
+    """Name what is not there, with a size that is no number, in cells and arms."""
     for name in tasks:
         write_rows(answers / f"{name}.csv", ("part", "axis", "size", "u"), [["clock_rate", "", "much", ""]])
 
@@ -98,12 +116,19 @@ def test_wrong_and_broken_answers_are_scored_as_such(
     ground: Path, tmp_path: Path, answer: Callable[[Path, dict[str, Path]], None]
 ) -> None:
     kind = "fault" if answer is wrong_fault else "poses"
-    names = [task.name for task in read_tasks(ground / "tasks") if task.kind == kind]
+    names = [task.name for task in read_tasks(ground / "tasks") if task.kind.startswith(kind)]
     answer(tmp_path, {name: ground / "tasks" / name for name in names})
     found = scored(ground, tmp_path)
     if kind == "fault":
         assert found["one circle each way, sound: no part named"]["share"].value == 0
         assert found["names that are right"]["share"].value == 0
+        for seen, arms in (("poses", 2), ("touches", 2)):
+            own = {row.removeprefix(seen): figures["share"] for row, figures in found.items() if row.startswith(seen)}
+            assert (
+                own[", sound: no part named"].value == own[", one or two faults: those that show are named"].value == 0
+            )
+            assert (own[": names that are right"].value, own[": names that are right"].of) == (0, arms)
+            assert own[": sizes within 2 u"].of == 0
     else:
         own = found["arms with joint curves, 40 poses"]
         assert own["answered"].value == 0.5
@@ -123,6 +148,67 @@ def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch:
     assert own["answered"].value == 1
     assert own["removed"].value == pytest.approx(0, abs=1e-3)
     assert own["error_um"].low < own["error_um"].value < own["error_um"].high
+
+
+@pytest.mark.parametrize("seen", ["poses", "touches"])
+def test_the_oracle_knows_what_a_fault_does(seen: str) -> None:
+    """Places of an arm with a fault less those without, by the generator itself: the effect times its size."""
+    robot, ball = load_arm("franka-fr3").robot, BALL_MM
+    faults = [Fault("zero", 4, 0.01), Fault("length", 3, 0.1, "d"), Fault("twist", 5, 0.01, "alpha"),
+              Fault("play", 2, 0.01), Fault("compliance", 4, 1e-4)]  # fmt: skip
+    for fault in faults:
+        sound, faulty = (draw_truth(robot, np.random.default_rng(5), own) for own in ((), (fault,)))
+        rng = np.random.default_rng(6)
+        table = (
+            touch_table(robot, sound, rng, ball, 2, 8) if seen == "touches" else pose_table(robot, sound, rng, ball, 8)
+        )
+        assert isinstance(table, TouchTable) == (seen == "touches")
+        before = came_from(table)
+        really = (faulty.places(table.q, before, ball) - sound.places(table.q, before, ball)).ravel()
+        (effect,) = (one for one in effects_of(robot, table.q, before, ball) if one.name == fault.name)
+        np.testing.assert_allclose(fault.size * effect.places, really, atol=0.03 * np.abs(really).max())
+
+
+def test_faults_in_poses_and_touches_are_told_with_what_looks_alike(ground: Path) -> None:
+    for task in read_tasks(ground / "truth"):
+        if not task.kind.startswith("fault_in"):
+            continue
+        truth = json.loads((ground / "truth" / f"{task.name}.json").read_text(encoding="utf-8"))
+        parts = read_columns(ground / "tasks" / "parts.csv")
+        known = {f"{part} {axis}".strip() for part, axis in zip(parts["part"], parts["axis"], strict=True)}
+        for one in truth["hidden"]:
+            assert one["name"] in one["class"] and one["testable"] == (one["sigma"] >= 7)
+            assert abs(one["parameters"][one["size"]]) >= 5 * one["healthy"]
+            assert set(one["class"]) <= known
+        assert {one["name"] for one in truth["background"]} <= known
+
+
+def test_rig_names_the_fault_in_touches_from_the_files_alone(ground: Path, tmp_path: Path) -> None:
+    entry = runpy.run_path(str(ROOT / "dev" / "_ground_rig.py"))
+    tasks, truth = read_tasks(ground / "tasks"), ground / "truth"
+    (task,) = (
+        one for one in tasks
+        if one.kind == "fault_in_touches" and json.loads((truth / f"{one.name}.json").read_text("utf-8"))["hidden"]
+    )  # fmt: skip
+    entry["answer"](task, ground / "tasks" / task.name, tmp_path / f"{task.name}.csv", tmp_path)
+    found = scored(ground, tmp_path)
+    assert found["touches, one or two faults: those that show are named"]["share"].value == 1
+    assert found["touches: names that are right"]["share"].value == 1
+
+
+@pytest.mark.parametrize("seen", ["poses", "touches"])
+def test_least_squares_names_a_zero(tmp_path: Path, seen: str) -> None:
+    robot, rng = load_arm("franka-fr3").robot, np.random.default_rng(5)
+    truth = draw_truth(robot, rng, (Fault("zero", 4, 0.4),))
+    table = (
+        touch_table(robot, truth, rng, BALL_MM, 2, 40)
+        if seen == "touches"
+        else pose_table(robot, truth, rng, BALL_MM, 80)
+    )
+    write_seen(tmp_path, robot, table)
+    (row,) = runpy.run_path(str(ROOT / "dev" / "_ground_constants.py"))[f"named_in_{seen}"](tmp_path)
+    assert row[:2] == ["joint_offset", "4"]
+    assert abs(float(row[2]) - 0.4) < 0.06
 
 
 def test_tasks_tell_nothing_of_the_truth(ground: Path) -> None:

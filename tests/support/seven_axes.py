@@ -1,4 +1,4 @@
-"""An arm of seven axes as a stranger makes it: product of exponentials, its own errors, poses and touches of it.
+"""An arm of six or seven axes as a stranger makes it: product of exponentials, its own errors, poses and touches of it.
 
 It shares no line with the model of rig. Every arm has what sound ones show: constants a little off, joints that yield
 under gravity, a curve of each joint's angle error, scatter. Faults are hidden beside that.
@@ -23,6 +23,12 @@ from tests.support.stranger.screws import Arm, Constants, arm_from, pose, torque
 Array = NDArray[np.float64]
 CAME_RAD = 0.15
 """How far a joint moves to a touch at the least: any play is taken up."""
+SOUND_DEG, SOUND_MM = 0.015, 0.15
+"""Standard deviations of zeros and twists, and of lengths, of a sound arm."""
+SOUND_SOFT, SOUND_PLAY_DEG = (1e-6, 6e-6), (0.0, 0.004)
+"""From least to most: compliance (rad/Nm) and play of a sound arm."""
+KINDS = ("zero", "length", "play", "compliance")
+"""Kinds of faults that `draw_faults` draws."""
 
 
 @dataclass(frozen=True)
@@ -97,17 +103,38 @@ def constants_of(robot: Robot) -> Constants:
 _KEYS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg", "mass_kg")
 
 
+def draw_faults(robot: Robot, rng: np.random.Generator, count: int) -> tuple[Fault, ...]:
+    """So many faults of different kinds that can show: those of the first joint are the set-up's, those of the last the
+    tool's, and only a joint that carries weight yields. Each is at least five times what a sound arm shows."""
+    found, last = list[Fault](), len(robot.axes)
+    for kind in rng.choice(KINDS, count, replace=False):
+        axis, sign = int(rng.integers(2, last)), float(rng.choice([-1, 1]))
+        match str(kind):
+            case "zero":
+                found.append(Fault("zero", axis, sign * rng.uniform(0.15, 0.5)))
+            case "length":
+                field = "d" if robot.axes[axis - 1].d_mm else "a"
+                found.append(Fault("length", axis, sign * rng.uniform(1.5, 4.0), field))
+            case "play":
+                found.append(Fault("play", axis, rng.uniform(0.05, 0.15)))
+            case "compliance":
+                carries = [2, 4] if last > 6 else [2, 3]
+                found.append(Fault("compliance", int(rng.choice(carries)), rng.uniform(0.005, 0.02)))
+    return tuple(found)
+
+
 def draw_truth(robot: Robot, rng: np.random.Generator, faults: tuple[Fault, ...]) -> Truth:
     """A sound arm with faults. Sizes of what is sound: zeros and twists 0.015°, lengths 0.15 mm, curves of 0.005° to
-    0.02° whose waves fall as one over their order, compliance of 1 to 6 µrad/Nm, scatter of 0.02 to 0.05 mm."""
+    0.02° whose waves fall as one over their order, compliance of 1 to 6 µrad/Nm, play up to 0.004°, scatter of 0.02
+    to 0.05 mm."""
     c, n = constants_of(robot), len(robot.axes)
     nominal = c
-    off = np.radians(0.015)
+    off = np.radians(SOUND_DEG)
     c = replace(
-        c, a=c.a + rng.normal(0, 0.15, n), d=c.d + rng.normal(0, 0.15, n), alpha=c.alpha + rng.normal(0, off, n),
-        zero=c.zero + rng.normal(0, off, n),
+        c, a=c.a + rng.normal(0, SOUND_MM, n), d=c.d + rng.normal(0, SOUND_MM, n),
+        alpha=c.alpha + rng.normal(0, off, n), zero=c.zero + rng.normal(0, off, n),
     )  # fmt: skip
-    soft, play = rng.uniform(1e-6, 6e-6, n), np.radians(rng.uniform(0, 0.004, n))
+    soft, play = rng.uniform(*SOUND_SOFT, n), np.radians(rng.uniform(*SOUND_PLAY_DEG, n))
     for fault in faults:
         k, rad = fault.axis - 1, np.radians(fault.size)
         match fault.kind:
@@ -168,6 +195,13 @@ def corrected(robot: Robot, truth: Truth, q: Array, came_from: Array, socket_mm:
         away = socket_mm - truth.places(q, came_from, ball_mm)
         q += np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), away)
     return q
+
+
+def came_from(table: PoseTable | TouchTable) -> Array:
+    """The angles (n, axes) rad from which each joint came: those of a touch, or of the pose before."""
+    if isinstance(table, TouchTable) and table.came_from is not None:
+        return table.came_from
+    return np.vstack([table.q[:1], table.q[:-1]])
 
 
 def pose_table(robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Array, poses: int) -> PoseTable:

@@ -58,8 +58,10 @@ def scored(directory: Path, answers: Path) -> Scores:
     found: Scores = {
         row: pose_figures([judged(task, truth, answers) for task in tasks if task.row == row]) for row in rows
     }
-    cases = [case_of(task, truth, answers) for task in tasks if task.kind == "fault"]
-    return found | (fault_figures(cases) if cases else {})
+    for kind, figures in (("fault", fault_figures), ("fault_in_poses", arm_figures), ("fault_in_touches", arm_figures)):
+        if own := [task for task in tasks if task.kind == kind]:
+            found |= figures([case_of(task, truth, answers) for task in own], own[0].row)
+    return found
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -149,16 +151,18 @@ def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
     return RealCase(true, Answer(said, tuple(named), {}, math.nan, tuple(named)))
 
 
-def fault_figures(cases: Sequence[RealCase]) -> Scores:
-    """Return the rows of faults: what is asked of healthy arms, of one fault and of several, and of sizes."""
+def sound(case: RealCase) -> bool:
+    """Return whether a sound arm was called so: nothing is named of which it has no five usual sizes."""
+    return case.answer.condition == "nothing_unusual" or (case.answer.condition == "named" and not case.wrong)
+
+
+def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
+    """Return the rows of cells: what is asked of healthy arms, of one fault and of several, and of sizes."""
     whole = [case for case in cases if not case.truth["two_runs"]]
     short = [case for case in cases if case.truth["two_runs"]]
 
     def of(*kinds: str, among: Sequence[RealCase] = whole) -> list[RealCase]:
         return [case for case in among if case.kind in kinds]
-
-    def sound(case: RealCase) -> bool:
-        return case.answer.condition == "nothing_unusual" or (case.answer.condition == "named" and not case.wrong)
 
     def seen(*kinds: str) -> list[RealCase]:
         return [case for case in of(*kinds) if case.testable]
@@ -173,6 +177,27 @@ def fault_figures(cases: Sequence[RealCase]) -> Scores:
         "one circle each way, one fault: named first": [case.first for case in of("one_large", among=short)],
         "one circle each way: names that are right": [n not in case.wrong for case in short for n in case.standing],
     }
+    return shares(rows, cases)
+
+
+def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
+    """Return the rows of arms with faults in poses or touches, each fault that shows by itself."""
+    rows = {
+        f"{what}, sound: no part named": [sound(case) for case in cases if not case.truth["hidden"]],
+        f"{what}, one or two faults: those that show are named": [
+            bool({named.name for named in case.standing} & set(one["class"]))
+            for case in cases
+            for one in case.truth["hidden"]
+            if one["testable"]
+        ],
+        f"{what}: names that are right": [name not in case.wrong for case in cases for name in case.standing],
+        f"{what}: sizes within 2 u": sizes_within(cases),
+    }
+    return shares(rows, cases)
+
+
+def shares(rows: dict[str, list[bool]], cases: Sequence[RealCase]) -> Scores:
+    """Return each row as a share, with that of the cases that were answered."""
     entered = share([case.answer.condition != "none" for case in cases])
     return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
 

@@ -1,7 +1,8 @@
 """Making the tasks of the proving ground: files for entrants in one directory, the truth in another.
 
-Worlds are those of other trials: cells of the blind trial, arms with joint curves behind a tracker, and measured series
-of others where their directory is given. Splits of measured series are fixed; everything else is drawn by the seed.
+Worlds are those of other trials: cells of the blind trial, arms with joint curves behind a tracker, arms with faults in
+poses and touches, and measured series of others where their directory is given. Splits of measured series are fixed;
+everything else is drawn by the seed.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,27 +20,33 @@ import yaml
 from numpy.typing import NDArray
 
 from tests.support import soft_arm
+from tests.support.ground.arms import Seen, write_arm_fault
 from tests.support.ground.plain_arm import Array, PlainArm, Poses, framed, write_arm, write_poses, write_rows
 from tests.support.stranger import generate_real
 from tests.support.stranger.faults import SIZE, healthy_of, name_of
-from tests.support.stranger.names import everything
+from tests.support.stranger.names import ON_AXES, everything
 
 FAULTS = {"healthy": 4, "one": 4, "one_large": 4, "two": 3, "three": 3}
 """Cells of each kind of the real world, with all their runs."""
 CIRCLES = {"healthy": 2, "one_large": 4}
 """Cells of which two runs are given alone, one circle each way."""
+IN_POSES = IN_TOUCHES = {"sound": 8, "one": 8, "two": 8}
+"""Arms of each kind of which poses are given to find faults in, and of which touches are."""
+POSES, TOUCHES = 200, 40
+"""Poses and touches of such an arm."""
 ARMS = 3
 """Arms with joint curves."""
 MANY, FEW, ASKED = 400, 30, 200
 """Poses of a whole calibration and of a short one, and those asked of an arm with joint curves."""
 GROUPS = 20
 """Neighbourhoods of poses, which the scorer draws whole."""
-Kind = Literal["fault", "poses"]
+Kind = Literal["fault", "fault_in_poses", "fault_in_touches", "poses"]
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is made: cells by kind with all runs and with two, arms, and poses given, few and asked of each."""
+    """How much is made: cells by kind with all runs and with two, arms, and poses given, few and asked of each; arms by
+    kind with faults in poses and in touches, and how many of these are given."""
 
     faults: dict[str, int]
     circles: dict[str, int]
@@ -47,9 +54,13 @@ class Size:
     many: int = MANY
     few: int = FEW
     asked: int = ASKED
+    in_poses: Mapping[str, int] = field(default_factory=dict)
+    in_touches: Mapping[str, int] = field(default_factory=dict)
+    poses: int = POSES
+    touches: int = TOUCHES
 
 
-WHOLE = Size(FAULTS, CIRCLES)
+WHOLE = Size(FAULTS, CIRCLES, in_poses=IN_POSES, in_touches=IN_TOUCHES)
 TINY = Size({}, {}, arms=1, many=40, few=12, asked=20)
 
 
@@ -82,6 +93,8 @@ def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]
     measured, left_out = measured_splits(data, seed, size)
     made += [write_split(one, tasks, truth) for one in measured]
     made += list(fault_tasks(seed, size, tasks, truth))
+    made += list(arm_tasks(seed, size, "poses", tasks, truth))
+    made += list(arm_tasks(seed, size, "touches", tasks, truth))
     names = [asdict(one) for one in made]
     write_rows(tasks / "tasks.csv", list(names[0]), [list(one.values()) for one in names])
     write_rows(tasks / "parts.csv", ("part", "axis", "unit", "usual"), [list(one) for one in parts()])
@@ -93,7 +106,7 @@ def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]
 
 README = """The tasks of a proving ground for programs that find and correct the errors of robot arms.
 
-tasks.csv   every task: name (its directory), kind (fault or poses), row (of the table), split
+tasks.csv   every task: name (its directory), kind, row (of the table), split
 parts.csv   what can be wrong: part, axis, unit of its size, and the size that a sound arm shows anyway
 NAME/       the files of one task
 
@@ -109,12 +122,19 @@ kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: 
 kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction), a table a run.
              Answer NAME.csv: part, axis, size, u; a row for each part that is wrong, the surest first, none for a sound
              arm. Parts and units are those of parts.csv.
+kind fault_in_poses    arm.csv, and train.csv in the order in which the poses were driven. Answered as kind fault.
+kind fault_in_touches  arm.csv, touches.csv (touch, socket, q1_deg ..., q1_from_deg ...: where the joints stood when a
+             ball on the flange sat in its socket, and where each came from). A socket is always at the same place,
+             which no file tells; each coordinate of the ball is within 20 mm of
+             (0, 0, 120) of the last frame. Answered as kind fault.
 """
 
 
 def parts() -> Iterator[tuple[str, str, str, str]]:
     """Yield each part that can be wrong: part, axis, unit of its size, usual size."""
-    for effect, keys in everything():
+    seventh = [(effect, {"axis": 7}) for effect in (*ON_AXES, "transmission_error")]
+    seventh += [("link_geometry", {"axis": 7, "field": own}) for own in ("a", "alpha", "d")]
+    for effect, keys in [*everything(), *seventh]:
         part, _, axis = name_of(effect, keys).partition(" ")
         unit = SIZE[effect].rpartition("_")[2] if "_" in SIZE[effect] else SIZE[effect]
         if effect == "link_geometry":
@@ -332,6 +352,18 @@ def write_fault(kind: str, seed: int, name: str, tasks: Path, truth: Path, *, tw
     content: dict[str, Any] = json.loads(sealed.read_text(encoding="utf-8"))
     sealed.write_text(json.dumps(content | {"two_runs": two_runs}) + "\n", encoding="utf-8")
     return Task(name, "fault", "one circle each way" if two_runs else "all runs of a cell")
+
+
+def arm_tasks(seed: int, size: Size, seen: Seen, tasks: Path, truth: Path) -> Iterator[Task]:
+    """Write the arms with faults in poses or touches in an order that tells nothing, and yield their tasks."""
+    wanted, count = (size.in_poses, size.poses) if seen == "poses" else (size.in_touches, size.touches)
+    kinds = [kind for kind, arms in wanted.items() for _ in range(arms)]
+    world = 1 if seen == "poses" else 2
+    for number, place in enumerate(np.random.default_rng([seed, 0, world]).permutation(len(kinds)), start=1):
+        name = f"fault-in-{seen}-{number:02d}"
+        rng = np.random.default_rng([seed, 0, world, number])
+        write_arm_fault(kinds[place], seen, count, rng, tasks / name, truth / f"{name}.json")
+        yield Task(name, "fault_in_poses" if seen == "poses" else "fault_in_touches", seen)
 
 
 def read_tasks(directory: Path) -> Sequence[Task]:
