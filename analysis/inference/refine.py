@@ -30,9 +30,6 @@ _TRIES = 5
 _FURTHEST = 4.0
 """Largest distance of a shape from its expected value, in prior standard deviations. Chosen: beyond it the shape is
 implausible."""
-_MOST = 120.0
-"""Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
-beyond."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
@@ -339,7 +336,7 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
 
 def size_limits(effect: Effect) -> tuple[float, float]:
     """Return the smallest and the largest size that a fit may give an effect, in the unit of its size."""
-    (low, high), most = bounds(effect, size_field(effect)), _MOST * healthy_size(effect)
+    (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
     return max(low, -most), min(high, most)
 
 

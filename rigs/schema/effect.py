@@ -177,6 +177,9 @@ class Effect(Part, ABC):
     """The part of an arm's error that it belongs to, where its stage does not say that."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
+    MOST: ClassVar[float] = 120.0
+    """The largest size that a fit may find, in healthy sizes: faults are at most 100, and the simulator was not tested
+    far beyond."""
 
     @abstractmethod
     def apply(self, scene: S) -> S:
