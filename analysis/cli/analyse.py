@@ -43,7 +43,7 @@ def analyse(
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
 ) -> None:
-    """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""
+    """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
     from analysis.cli.run_paths import runs_below  # noqa: PLC0415
     from analysis.cli.several import end_with, evaluated, over_runs, worst  # noqa: PLC0415
 
