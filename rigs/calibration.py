@@ -102,8 +102,8 @@ class CalibratedModel(Part):
     float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs, and `rail_mm` where a
     rail stood, of an arm on one; outside it the terms are what they were expected to be. `held_out_um` is the rms in µm
     that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L by
-    which such places, or neighbourhoods of poses that the model of all others predicts, were missed by more than the
-    readings that were used explain.
+    which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
+    used explain.
     """
 
     format: Literal[1] = 1

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from analysis.inference.blocks import Block, recent
 from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.inference.responses import Linearisation, Response
-from analysis.inference.setups import FEWEST_PLACES
+from analysis.inference.setups import constants_apart
 from analysis.kinematics.arm import Array, rail_mm
-from analysis.traces.tables import CircleTable, PlaceTable, TouchTable
+from analysis.traces.tables import CircleTable, PlaceTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.play import play
@@ -293,8 +293,8 @@ _MEAN = float(np.sqrt(2 / np.pi))
 """Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
 that cannot be negative."""
 _WEIGHT_DIGITS, _UNEVEN = 9, 4
-"""Digits to which weights of readings are told apart, far beyond any that matters, and the number of weighted products
-of a band that are cached, at some 8 MB each."""
+"""Digits to which weights of readings are distinguished, and the number of weighted products of a band that are cached,
+at some 8 MB each."""
 _SIZE_RATIO = 1.85
 """Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
 Chosen: the evidence is an average over sizes and smooth in their logarithm."""
@@ -416,16 +416,12 @@ class Columns:
         return found
 
     def _uneven_gram(self, band: int, weight: Array) -> Array:
-        """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,). They are
-        kept, because a search for the strength of the noise changes all weights of a band alike."""
+        """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,), which are
+        kept: a search for the strength of the noise changes all weights of a band alike."""
         own = weight[self.rows[band]]
         shape = np.round(own / own.max(), _WEIGHT_DIGITS)
-
-        def compute() -> Array:
-            part = np.sqrt(shape)[:, None] * self.parts[band]
-            return np.asarray(part.T @ part, dtype=float)
-
-        gram = recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
+        part = np.sqrt(shape)[:, None] * self.parts[band]
+        gram = recent(self._uneven, (band, shape.tobytes()), lambda: part.T @ part, _UNEVEN)
         return np.asarray(own.max() * gram, dtype=float)
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
@@ -487,19 +483,8 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         not_seen,
-        _constants_apart(linear.blocks),
+        constants_apart([block.one for block in linear.blocks]),
     )
-
-
-def _constants_apart(blocks: Sequence[Block]) -> bool:
-    """Return whether constants of the arm have widths of their own: where touches alone show them, and where places are
-    too few to name those that are larger than usual. Of 30 poses of a UR10 a model of usual constants leaves a tenth
-    more."""
-    tables = [block.one.table for block in blocks]
-    if not all(isinstance(table, PlaceTable) for table in tables):
-        return False
-    few = sum(len(block.one.rows) * block.count for block in blocks) < FEWEST_PLACES
-    return few or all(isinstance(table, TouchTable) for table in tables)
 
 
 def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:

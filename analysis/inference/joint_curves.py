@@ -45,8 +45,8 @@ _ENOUGH, _MOST_FITS = 0.5, 40
 
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
-"""Of curves and strengths (b,) of the noise: the log likelihood of the readings, and its derivatives by the logarithms
-of the prior variances (c,), which are in healthy sizes squared, and of the strengths (b,)."""
+"""A function of curves and strengths (b,) of the noise that returns the log likelihood of the readings, and its
+derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared, and of the strengths."""
 
 
 def is_of_curve(effect: Effect) -> bool:

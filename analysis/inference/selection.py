@@ -142,7 +142,7 @@ class Selection:
     def _with_curves(self, state: SelectionState) -> SelectionState:
         """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
         turn until the evidence hardly rises. Readings that were weighed before curves had their size looked wild where
-        a curve was large: of 30 poses of a UR10 half of what they told was lost so."""
+        a curve was large, and 30 poses of a UR10 left a tenth more."""
         if not all(isinstance(block.one.table, PlaceTable) for block in self.linear.blocks):
             # A gauge at few targets tells curves from scatter badly: what nothing explains is scatter first.
             state = self._renewed(self._renewed(state))

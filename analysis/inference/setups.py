@@ -426,6 +426,15 @@ FEWEST_PLACES = 3 * GROUPS
 centre."""
 
 
+def constants_apart(observations: Sequence[Observation]) -> bool:
+    """Return whether an arm's constants have widths of their own beside readings of (m, k) mm: where touches alone show
+    them, and where places are too few to name those that are larger than usual. Of 30 poses of a UR10 constants of
+    usual size leave a tenth more."""
+    of_touches = all(isinstance(one.table, TouchTable) for one in observations)
+    of_poses = all(isinstance(one.table, PlaceTable) for one in observations)
+    return of_touches or (of_poses and sum(len(one.rows) for one in observations) < FEWEST_PLACES)
+
+
 def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
     """Return an observation with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to
     each pose, stays complete."""

@@ -191,7 +191,8 @@ class Hyperparameters:
 
     @cached_property
     def least_strength(self) -> Array:
-        """The smallest strength (b,) of each band: noise that repeats show is no smaller, assumed noise may be."""
+        """The smallest strength (b,) of each band, relative to the noise: 1 where repeats show it, less where it is
+        assumed."""
         assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
 
