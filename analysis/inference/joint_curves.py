@@ -38,8 +38,6 @@ healthy sizes is 0.1°."""
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
 """Expected and largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own
 name."""
-_MOST_STRENGTH = 1e6
-"""Largest strength of the noise: a thousand times the scatter of a real pose, which nothing exceeds but a wrong arm."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
 
@@ -96,10 +94,10 @@ class CurveColumns:
         return found
 
     def fitted(
-        self, start: JointCurves, strength: Array, least: Array, log_likelihood: LogLikelihood
+        self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
     ) -> tuple[JointCurves, Array]:
-        """Return the likeliest curves and strengths (b,) of the noise, searched from `start` and `strength`, no
-        smaller than `least` (b,), given the log likelihood of the readings.
+        """Return the likeliest curves and strengths (b,) of the noise within `limits` (2, b), searched from `start` and
+        `strength`, given the log likelihood of the readings.
 
         Both are searched together: what curves are too small to hold looks like noise, beside which they stay small.
         """
@@ -118,8 +116,7 @@ class CurveColumns:
 
         begin = np.concatenate([np.log(start.widths), [start.decay], np.log(strength)])
         widths = [(_WIDTHS[0], _MOST_OF_A_KIND if kind else _WIDTHS[1]) for kind in kinds]
-        noise = [(low, _MOST_STRENGTH) for low in least]
-        bounds = [*np.log(widths), _DECAYS, *np.log(noise)]
+        bounds = [*np.log(widths), _DECAYS, *np.log(limits.T)]
         enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
         found = minimize(
             cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}

@@ -189,7 +189,7 @@ class Selection:
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
             return background.evidence(known), 0.5 * (ratio - 1), noise.by_strength(posterior)
 
-        curves, strength = self.columns.curves.fitted(state.curves, state.strength, noise.least_strength, likelihood)
+        curves, strength = self.columns.curves.fitted(state.curves, state.strength, noise.strength_limits, likelihood)
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:

@@ -161,6 +161,8 @@ class Backgrounds:
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
 targets have the higher price, because their noise has heavy tails."""
+_MOST_STRENGTH = 1e6
+"""Largest strength of the noise: a thousand times the scatter of a real pose, which nothing exceeds but a wrong arm."""
 _TAIL = 4.0
 """Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
 """
@@ -255,6 +257,13 @@ class Hyperparameters:
         ratio: Array = np.maximum(energy / free, 1e-9)
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
         return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.least_strength, 1.0))
+
+    @cached_property
+    def strength_limits(self) -> Array:
+        """The smallest and the largest strength (2, b) of each band; known distances are as certain as they are said to
+        be."""
+        held = ~np.isfinite(self._band_price)
+        return np.stack([np.where(held, 1.0, self.least_strength), np.where(held, 1.0, _MOST_STRENGTH)])
 
     def by_strength(self, posterior: Posterior) -> Array:
         """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""

@@ -137,7 +137,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
         "a parameter is found of backlash, which has no such number",
     ),
     "five joints": (lambda data: _changed(data, joints_deg=[[-1, 1]] * 5), "joints_deg: "),
-    "later format": (lambda data: _changed(data, format=2), "format: "),
+    "no format": (lambda data: _changed(data, format="one"), "format: "),
     "too many terms": (lambda data: _changed(data, terms=[data["terms"][0]] * 20_001), "terms: "),
     "a list": (lambda data: [data], "the file: "),  # type: ignore[dict-item,return-value]
 }  # fmt: skip
