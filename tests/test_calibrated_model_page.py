@@ -23,7 +23,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 
-PAGE = (Path(__file__).parents[1] / "docs" / "calibrated-model.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[1] / "docs" / "calibration.md").read_text(encoding="utf-8")
 READER: dict[str, Any] = {}
 exec("\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.S)), READER)  # noqa: S102 - the page's own code, run as it stands
 

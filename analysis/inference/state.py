@@ -260,8 +260,8 @@ class Hyperparameters:
 
     @cached_property
     def strength_limits(self) -> Array:
-        """The smallest and the largest strength (2, b) of each band; known distances are as certain as they are said to
-        be."""
+        """The smallest and the largest strength (2, b) of each band, relative to the noise; known distances are as
+        certain as they are said to be."""
         held = ~np.isfinite(self._band_price)
         return np.stack([np.where(held, 1.0, self.least_strength), np.where(held, 1.0, _MOST_STRENGTH)])
 
