@@ -5,7 +5,7 @@ effect at a reference size and how many `times` of it the arm shows. The terms a
 is their mean, and `factor` a root of their covariance. What many small terms do together is accurate where no single
 one of them is certain.
 
-The file is JSON, named by the rig file with its SHA-256 (docs/calibration.md#the-file reads it in twenty lines of numpy).
+The file is JSON, named by the rig file with its SHA-256; docs/calibration.md reads it in twenty lines of numpy.
 """
 
 from __future__ import annotations

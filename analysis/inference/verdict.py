@@ -354,8 +354,8 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 
 def _readings_apart(result: SearchResult) -> int:
-    """Return the number of readings of the runs, of poses three for each posture however often it was visited: the cube
-    of ISO 9283 has 450 numbers and tells 15."""
+    """Return the number of readings of the runs, in which a posture of poses counts three, also where it was visited
+    again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
     told = 0
     for block in result.linear.blocks:
         table = block.one.table

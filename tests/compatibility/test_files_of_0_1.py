@@ -19,7 +19,7 @@ from tests.support.command_line import ran
 
 WROTE = Path(__file__).parent / "0.1"
 STATES = sorted(path.name for path in WROTE.iterdir())
-RIGS = sorted(WROTE.glob("*/*/*.yaml"))
+RIGS = sorted(path for path in WROTE.glob("*/*/*.yaml") if path.name != "session.yaml")
 """Rig files, and files of hidden effects."""
 
 
@@ -120,6 +120,13 @@ def test_a_map_reads_of_a_table_what_it_read(state: Path) -> None:
     assert (state / "again.csv").read_text() == (state / "poses.csv").read_text()
 
 
+@pytest.mark.parametrize("state", ["last"], indirect=True)
+def test_a_session_at_its_end_is_known_again(state: Path) -> None:
+    done = ran("session", "cell.yaml", "-o", ".", "--status", cwd=state / "session")
+    assert done.returncode == 0, done.stderr
+    assert "offset d of axis 4" in done.stdout and "63.9 ± 0.6 µm rms" in done.stdout and "13 runs" in done.stdout
+
+
 def test_files_of_a_version_to_come_are_refused_as_such(tmp_path: Path) -> None:
     state = Path(shutil.copytree(WROTE / "last", tmp_path / "last"))
     run, model = state / "runs/yaw-cw-000/manifest.json", state / "calibrated/rep.calibration.json"
@@ -129,7 +136,6 @@ def test_files_of_a_version_to_come_are_refused_as_such(tmp_path: Path) -> None:
         was = hashlib.sha256(file.read_bytes()).hexdigest()
         file.write_text(file.read_text().replace(before, after, 1))
         rig.write_text(rig.read_text().replace(was, hashlib.sha256(file.read_bytes()).hexdigest()))
-    (state / "session").mkdir()
     (state / "session/session.yaml").write_text("version: 2\nrobots: [a, b]\n")
     for words in (
         ("analyse", "runs/yaw-cw-000"),
