@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,8 +12,10 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from analysis.cli.several import end_with, worst
-from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, Maker, maker_of
+
+if TYPE_CHECKING:
+    from rigs.rig import Rig
 
 _FoundRig = Annotated[
     str,

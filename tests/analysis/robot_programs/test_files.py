@@ -101,6 +101,7 @@ def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: py
     rig["feedback"] = {"interface": "line_feed", "port": "tcp://192.168.1.10:59002", "fields": fields}
     directions = enumerate(("acw", "cw"), start=1)
     rules = [{"when": {"signal": number}, "test": "roll", "direction": one} for number, one in directions]
+    rig["tests"]["iso9283"] = {}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(rig | {"automatic": {"rules": rules}}), encoding="utf-8")
     assert ended(*line.split()[1:]) == 0
     assert list((tmp_path / "programs").iterdir())
