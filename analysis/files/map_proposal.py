@@ -204,7 +204,10 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
             what = f"has {there}, the arm of the rig file {axes} axes"
             raise FileError(raw.where, what, "give the rig file of the arm that was measured")
         what = f"has no {axes} columns that may be joints; {has}"
-        remedy = "add the joint angles of each pose (several files: --join), or name them in a map (--map)"
+        remedy = (
+            "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
+            "ISO 9283 cube need none, where the rig file has tests.iso9283"
+        )
         raise FileError(raw.where, what, remedy)
     if not any(one.place.role != "commanded" for one in groups.seen) and not (groups.seen and groups.residuals):
         there = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
