@@ -16,7 +16,7 @@ from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joint_meanings import Meaning, meanings
 from analysis.conventions.off_path import off_path
 from analysis.geometry.pose_setup import fit_setup, position_error
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
 from analysis.traces.tables import CircleTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 
@@ -73,6 +73,10 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     gain = best.values * float(np.log(as_labelled / max(best.left_mm, 1e-9)))
     misfit = Misfit(as_labelled, best.left_mm, gain)
     remedy = best.meaning.remedy if not as_good else "look up in the controller which it is, and correct the columns"
+    if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
+        remedy += (
+            "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
+        )
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, what, remedy, misfit)
 
 
@@ -93,7 +97,7 @@ def _judged(table: Table, rig: Rig) -> _Verdict:
         return None, 0.0, []
     if not isinstance(table, PoseTable):
         return _on_path(table, rig)
-    bare = replace(arm_of(rig.robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    bare = without_setup(arm_of(rig.robot))
     found = _of_misfits(table, bare, with_turns=False)
     return found if found[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
 

@@ -13,6 +13,7 @@ import numpy as np
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_units import circle_gauges, too_far
 from analysis.conventions.off_path import off_path
+from analysis.conventions.rail_units import rail_findings
 from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
@@ -45,6 +46,8 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         what = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", what, "convert them to degrees")
         return
+    if isinstance(table, PoseTable):
+        yield from rail_findings(table, rig)
     for what, remedy in _mistakes(table, rig, places):
         columns = tuple(name for name in what.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)

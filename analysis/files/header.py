@@ -49,7 +49,8 @@ def check_header(
         every = ", ".join(came_from_columns(axes))
         problems.append(TableProblem(1, "", f"has {' and '.join(came)} only; give all of {every}, or none"))
     if problems:
-        raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}")
+        mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
+        raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
 
 
 def _separator(where: str, names: list[str]) -> None:

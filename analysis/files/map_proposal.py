@@ -23,7 +23,7 @@ from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, T
 from analysis.files.table_problems import TableFileError
 from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.pose_setup import fit_setup
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.arm import Arm, Array, arm_of, forward, without_setup
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -157,7 +157,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
         table_map = found.table_map.model_copy(update={"stops": "of the cube"})
         return replace(found, table_map=table_map, checked=(said, *found.checked))
     _refuse_missing(raw, groups, len(names))
-    bare = replace(arm_of(rig.robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
         what = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
@@ -204,7 +204,10 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
             what = f"has {there}, the arm of the rig file {axes} axes"
             raise FileError(raw.where, what, "give the rig file of the arm that was measured")
         what = f"has no {axes} columns that may be joints; {has}"
-        remedy = "add the joint angles of each pose (several files: --join), or name them in a map (--map)"
+        remedy = (
+            "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
+            "ISO 9283 cube need none, where the rig file has tests.iso9283"
+        )
         raise FileError(raw.where, what, remedy)
     if not any(one.place.role != "commanded" for one in groups.seen) and not (groups.seen and groups.residuals):
         there = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"

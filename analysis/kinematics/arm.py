@@ -8,7 +8,7 @@ Introduction to Robotics, 3rd ed., eq. 3.6, with Hayati's angle beta between alp
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -85,6 +85,13 @@ def arm_of(robot: Robot) -> Arm:
         speed=np.radians(column("speed_deg_s")),
         rail=rail,
     )
+
+
+def without_setup(arm: Arm) -> Arm:
+    """The arm with its base in the origin of the world, the rail turned with it, and its tool at the flange: for a fit
+    of base and tool."""
+    rail = None if arm.rail is None else arm.T_world_base[:3, :3].T @ arm.rail
+    return replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4), rail=rail)
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:

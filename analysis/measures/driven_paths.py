@@ -69,10 +69,13 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     places = {name: [table.xyz_mm[one.first : one.last] for one in own] for name, own in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
     paths: dict[PathName, Driven] = {}
+    coarse = []
     for name, own in whole.items():
         times = [table.t_s[one.first : one.last] for one in own]
         driven = _driven(commands[name], [_moved(T, one) for one in places[name]], times)
-        if driven is not None and name != "back":
+        if driven is None:
+            coarse.append(name.replace("_", " "))
+        elif name != "back":
             paths[name] = driven
     if not paths:
         what = "its tracker wrote too few places along each path to judge it"
@@ -80,6 +83,8 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     _hold_near(paths, cube, where, fitted=T_world_instrument is None)
     torn = sum(not one.whole for own in found.values() for one in own)
     notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
+    if coarse:
+        notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
     return DrivenPaths(paths, T, tuple(notes))
 
 

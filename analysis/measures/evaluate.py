@@ -47,7 +47,8 @@ def evaluate(
         arm, instrument = arm_of(rig.robot), iso.instrument if iso else None
         return pose.evaluate(table, arm, TRACKER_U_MM, where=where, cube=cube, instrument=instrument)
     if isinstance(table, PathTable):
-        return path.evaluate(table, cube_of(rig), iso9283_of(rig).instrument, where)
+        declared = iso9283_of(rig)
+        return path.evaluate(table, cube_of(rig), declared.instrument, where, declared.path_speed_mm_s)
     if isinstance(table, TouchTable):
         return touch.evaluate(table, model_of(rig), where)
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm

@@ -33,6 +33,9 @@ from rigs.schema.declared_tests import Instrument
 
 CYCLES_ASKED, _CORNER_CYCLES = 10, 3
 """Cycles that ISO 9283 asks for, and of how many the corners' figures are the largest."""
+_ASKED: tuple[PathName, ...] = ("line", "rectangle", "circle", "circle_cw", "small_circle")
+_SLOWEST, _FASTEST = 0.05, 1.5
+"""Shares of the speed of the rig file; the programs drive 0.1 to 1 of it."""
 _JUDGED: tuple[PathName, ...] = ("line", "circle", "small_circle")
 _NEAR = 0.3
 """Share of a side after a corner in which an overshoot is looked for."""
@@ -53,10 +56,13 @@ class PathResult:
     notes: tuple[str, ...]
 
 
-def evaluate(table: PathTable, cube: Cube, instrument: Instrument | None, where: str) -> PathResult:
+def evaluate(
+    table: PathTable, cube: Cube, instrument: Instrument | None, where: str, speed_mm_s: float | None = None
+) -> PathResult:
     """figures: NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm;
     f_max_mm, f_min_mm, d_mm of the large circle in both directions; speed_mm_s along the line, or the largest path that
-    was found. Raises FileError where the recording has no path of the cube."""
+    was found, which a note doubts where it is none of those of programs at speed_mm_s. Raises FileError where the
+    recording has no path of the cube."""
     driven = driven_paths(table, cube, None if instrument is None else transform(instrument), where)
     figures: dict[str, Quantity] = {}
     for name in _JUDGED:
@@ -71,7 +77,7 @@ def evaluate(table: PathTable, cube: Cube, instrument: Instrument | None, where:
     if "circle" in driven.paths and "circle_cw" in driven.paths:
         figures |= _radial(driven.paths["circle"], driven.paths["circle_cw"])
     figures["speed_mm_s"] = _speed(next(iter(driven.paths.values())))
-    notes = [*driven.notes, *_few(driven)]
+    notes = [*driven.notes, *_few(driven), *_of_speed(figures["speed_mm_s"].value, speed_mm_s)]
     if instrument is None:
         notes.append(
             "AT and corners are what a best fit of the tracker's frame to these paths leaves, which is less than ISO "
@@ -183,7 +189,17 @@ def _speed(driven: Driven) -> Quantity:
 
 
 def _few(driven: DrivenPaths) -> list[str]:
-    few = [f"{name.replace('_', ' ')} {len(one.places)} times" for name, one in driven.paths.items()]
-    if all(len(one.places) >= CYCLES_ASKED for one in driven.paths.values()):
+    counts = {name: len(driven.paths[name].places) if name in driven.paths else 0 for name in _ASKED}
+    if min(counts.values()) >= CYCLES_ASKED:
         return []
+    few = [f"{name.replace('_', ' ')} {count} times" for name, count in counts.items()]
     return [f"ISO 9283 asks {CYCLES_ASKED} cycles, and there are: {', '.join(few)}"]
+
+
+def _of_speed(driven: float, stated: float | None) -> list[str]:
+    if stated is None or _SLOWEST * stated <= driven <= _FASTEST * stated:
+        return []
+    ways = f"the programs drive {0.1 * stated:g} to {stated:g} mm/s"
+    return [
+        f"the tool went at {driven:.3g} mm/s, and {ways}: check that t_s is in s, and path_speed_mm_s of the rig file"
+    ]

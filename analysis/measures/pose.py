@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from analysis.conventions.lost_poses import without_lost
 from analysis.geometry.iso_cube import Cube
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
-from analysis.kinematics.arm import Arm, Array, Integers, forward, transform
+from analysis.kinematics.arm import Arm, Array, Integers, forward, transform, without_setup
 from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.iso_figures import RP_VISITS, rp
@@ -91,7 +91,7 @@ def evaluate(
     (`analysis.conventions.lost_poses`). Raises FileError.
     """
     _hold(table, where)
-    bare = replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    bare = without_setup(arm)
     kept = without_lost(table, partial(_errors, bare))
     table = kept.table
     T = forward(bare, table.q)

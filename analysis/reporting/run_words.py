@@ -49,7 +49,7 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
         if warmth := result.measured.condition.warmth:
             means, rises = ([getattr(one, key) for one in warmth.values()] for key in ("mean_c", "rise_c"))
             most = max(rises, key=abs)
-            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C"
+            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
             lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
     return lines
 

@@ -166,7 +166,10 @@ def test_columns_missing_or_misnamed() -> None:
         rows = {change.get(name, name): cells for name, cells in plain(test).items()}
         return refusal(csv_text({name: cells for name, cells in rows.items() if name is not None}), test)
 
-    needs = "a yaw table needs t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
+    needs = (
+        "a yaw table needs t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm; a map reads other "
+        "names and units (--map)"
+    )
     assert told("yaw", {"g1_mm": "g1_um", "g2_mm": "G2 [inch]"}) == [
         "t.csv, line 1, g1_mm: this column is missing; is it 'g1_um'? Then name it g1_mm, in mm",
         f"t.csv, line 1, g2_mm: this column is missing; is it 'G2 [inch]'? Then name it g2_mm, in mm; {needs}",

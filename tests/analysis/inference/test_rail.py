@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from pyarrow import csv
 
+from analysis.conventions.joints import joint_findings
+from analysis.conventions.units import unit_findings
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.geometry.rigid import best_rigid
 from analysis.inference.diagnose import diagnose
 from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array, arm_of, forward, forward_and_jacobian
+from analysis.measures.pose import evaluate as evaluate_poses
 from analysis.model.predict import model_of, moved, path_of
 from analysis.traces.csv_tables import columns_of, table_from
 from analysis.traces.loading import measured_of
@@ -199,3 +202,33 @@ def test_touches_from_along_the_rail_show_that_it_climbs(rig: Rig) -> None:
     assert {"rail_line up"} <= set(named) <= {"joint_offset 3", "rail_line up"}
     assert getattr(named["rail_line up"], size_field(named["rail_line up"])) == pytest.approx(2.0, rel=0.2)
     assert found.train.calibrated_um < 0.1 * found.train.before_um
+
+
+def of_poses(rig: Rig, table: PoseTable) -> dict[str, float]:
+    figures = evaluate_poses(table, arm_of(rig.robot), 0.01).figures
+    return {name: figure.value for name, figure in figures.items()}
+
+
+def test_a_turned_base_carries_its_rail_with_it(case: Case, rig: Rig) -> None:
+    """Base and tool are fitted: where the base of the rig file stands changes no figure, and no joint is to blame."""
+    turned = parse(
+        CELL.replace("  rail:", "  base: {xyz_mm: [100, 0, 50], rpy_deg: [180, 0, 90]}\n  rail:"), "turned.yaml"
+    )
+    assert of_poses(turned, case.table) == pytest.approx(of_poses(rig, case.table), rel=1e-6)
+    assert not [*joint_findings(case.table, turned), *unit_findings(case.table, turned)]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("inches", 25.4), ("cm", 10)])
+def test_a_rail_in_another_unit_is_refused(case: Case, rig: Rig, unit: str, factor: float) -> None:
+    found = next(unit_findings(replace(case.table, q=case.table.q / [*np.ones(6), factor]), rig))
+    assert found.strength == "impossible"
+    assert found.what.startswith(f"e1_mm is in {unit}: only then do these poses fit")
+    assert not list(unit_findings(case.table, rig))
+
+
+def test_a_rail_beyond_its_ends_and_one_that_counts_the_other_way_are_doubted(case: Case, rig: Rig) -> None:
+    far = parse(CELL.replace("3000", "2000"), "short.yaml")
+    assert [one.strength for one in unit_findings(case.table, far)] == ["likely"]
+    backwards = replace(case.table, q=case.table.q * [*np.ones(6), -1])
+    (found,) = joint_findings(backwards, rig)
+    assert "correct robot.rail.direction" in found.remedy

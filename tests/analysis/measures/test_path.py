@@ -190,6 +190,24 @@ def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
     assert any("1 paths are left out" in note for note in found.notes)
 
 
+def test_paths_that_are_not_there_and_those_with_too_few_places_are_said() -> None:
+    table = recorded(Errors())
+    line = table.t_s < 40.0
+    found = path.evaluate(PathTable(table.t_s[line], table.xyz_mm[line]), CUBE, None, "path")
+    assert set(found.driven.paths) == {"line"}
+    assert any("small circle 0 times" in note for note in found.notes)
+    found = path.evaluate(recorded(Errors(), rate_hz=10.0), CUBE, None, "path")
+    assert any("too few places were written to judge: line" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("share", [1.0, 10.0, 1e3])
+def test_times_in_another_unit_are_doubted_by_the_speed(share: float) -> None:
+    table = recorded(Errors())
+    found = path.evaluate(PathTable(table.t_s * share, table.xyz_mm), CUBE, None, "path", 250.0)
+    doubted = any("check that t_s is in s" in note for note in found.notes)
+    assert doubted == (share == 1e3)
+
+
 def test_what_comes_before_and_after_is_no_path() -> None:
     table = recorded(Errors(scatter_mm=0.02))
     late = slice(int(3.0 * 500), len(table.t_s) - int(2.5 * 500))
