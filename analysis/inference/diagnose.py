@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from analysis.inference.blocks import Block
@@ -33,6 +34,8 @@ from analysis.inference.verdict import (
     standing_of,
     without_useless,
 )
+from analysis.measures.touch import evaluate as touched_by
+from analysis.measures.touch import known_otherwise
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, TouchTable
 from rigs.effects import Effect
@@ -70,6 +73,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.one.table
+        if isinstance(table, TouchTable) and (declared := block.model.rig.tests.touch) and declared.distances:
+            with suppress(FileError):  # of a few touches the sockets have no places
+                doubts += known_otherwise(touched_by(table, block.model, block.name).distances)
         if isinstance(table, CircleTable):
             ways.setdefault(table.test, set()).add(table.direction)
     for test, seen in ways.items():
