@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+
+import numpy as np
 
 from analysis.inference.blocks import Block
 from analysis.inference.budget import EffectChange, budget_of, effect_changes
@@ -33,6 +36,9 @@ from analysis.inference.verdict import (
     standing_of,
     without_useless,
 )
+from analysis.kinematics.arm import rail_mm
+from analysis.measures.touch import evaluate as touched_by
+from analysis.measures.touch import known_otherwise
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, TouchTable
 from rigs.effects import Effect
@@ -70,8 +76,14 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.one.table
+        if isinstance(table, TouchTable) and (declared := block.model.rig.tests.touch) and declared.distances:
+            with suppress(FileError):  # of a few touches the sockets have no places
+                doubts += known_otherwise(touched_by(table, block.model, block.name).distances)
         if isinstance(table, CircleTable):
             ways.setdefault(table.test, set()).add(table.direction)
+    rails = [rail_mm(block.model.arm, block.one.table.q) for block in blocks if block.model.arm.rail is not None]
+    if rails and np.ptp(stands := np.concatenate(rails)) == 0:
+        doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
     for test, seen in ways.items():
         if len(seen) == 1:
             doubts.append(

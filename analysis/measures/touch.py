@@ -86,7 +86,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     distances = _distances(model, names.tolist(), terms, spread, len(left))
     if len(names) == 2:
         figures["socket_distance_mm"] = distances[0].distance
-    notes = (*_blind(design), *_known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
+    notes = (*_blind(design), *known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
     return TouchResult(left, terms[:3], sockets, distances, figures, len(left), notes, table.rows - 1)
 
 
@@ -144,8 +144,8 @@ def _blind(design: Array) -> tuple[str, ...]:
     return ("the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more",)
 
 
-def _known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """What to say of distances that the arm has otherwise than they are known."""
+def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
+    """Return what to say of distances that the arm has otherwise than they are known."""
     return tuple(
         f"sockets {one.between[0]} and {one.between[1]} are {one.known} apart, and by the arm {one.distance}: its "
         "constants are wrong by a part of that, or the distance is not right"

@@ -132,3 +132,10 @@ def test_each_placement_has_the_distance_and_all_share_what_is_not_known_of_it(c
     changed = linear.distances.residual(linear.setups_moved_by(step)) - linear.distances.residual(setups)
     np.testing.assert_allclose(linear.U[linear.of_distances] @ step, -changed, atol=1e-5)
     assert abs(changed[0]) < 1e-12 < abs(changed[1])
+
+
+def test_a_distance_that_the_arm_has_otherwise_is_said_beside_what_is_found(case: Case) -> None:
+    """It may be the distance that is wrong: 3 mm in it are faults of lengths, with certainty."""
+    wrong = diagnosed(case, rig_of(KNOWN.replace("300.0", "306.0")))
+    assert any("306.000 ± 0.020 mm apart, and by the arm" in doubt for doubt in wrong.doubts)
+    assert not any("apart, and by the arm" in doubt for doubt in diagnosed(case, rig_of(KNOWN)).doubts)

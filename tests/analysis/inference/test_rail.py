@@ -232,3 +232,13 @@ def test_a_rail_beyond_its_ends_and_one_that_counts_the_other_way_are_doubted(ca
     backwards = replace(case.table, q=case.table.q * [*np.ones(6), -1])
     (found,) = joint_findings(backwards, rig)
     assert "correct robot.rail.direction" in found.remedy
+
+
+def test_a_rail_that_nobody_moved_is_said(case: Case, rig: Rig) -> None:
+    still = railed_poses(rig.robot, case.arm, RailTruth(0, 0, 0, ()), np.random.default_rng(5), BALL_MM, 40)
+    q = np.column_stack([still.q[:, :6], np.zeros(40)])
+    arm = arm_of(rig.robot)
+    table = replace(still, q=q, xyz_mm=forward(arm, q)[:, :3, 3] + np.random.default_rng(6).normal(0, 0.02, (40, 3)))
+    found = diagnose(rig, [run_of(rig, table)], [], [], lambda _: None)
+    assert any("the rail stood at 0 mm all along" in doubt for doubt in found.doubts)
+    assert not any("the rail stood" in doubt for doubt in case.found.doubts)
