@@ -317,7 +317,7 @@ def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_k
 
 def test_a_manifest_of_a_version_to_come_is_refused(run: Path) -> None:
     edit_manifest(run, {"version": 3})
-    with pytest.raises(FileError, match="of another version"):
+    with pytest.raises(FileError, match="a newer one wrote it"):
         read_run(run)
 
 
