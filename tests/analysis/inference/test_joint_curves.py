@@ -64,7 +64,7 @@ def test_width_decay_and_noise_are_those_of_the_readings(width: float, decay: fl
     for seed in range(4):
         X, y = _drawn(seed, width, decay)
         curves, strength = columns.fitted(
-            JointCurves((1.0,) * 6), np.array([50.0]), np.array([0.1]), partial(_likelihood, X, y, columns)
+            JointCurves((1.0,) * 6), np.array([50.0]), np.array([[0.1], [1e6]]), partial(_likelihood, X, y, columns)
         )
         found.append(curves)
         noise.append(float(strength[0]))
