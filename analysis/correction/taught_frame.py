@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.geometry.rigid import best_rigid
+from analysis.geometry.rigid import best_rigid, in_frame
 from analysis.kinematics.arm import Array
 
 _SAME = 1e-9
@@ -61,7 +61,7 @@ def rest_mm(places: Array, wanted: Array) -> Array:
     """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
     with which they fit best."""
     T = best_rigid(places, wanted[:, :3, 3])  # exact for a large turn, about which the other terms are linear
-    moves = (places @ T[:3, :3].T + T[:3, 3] - wanted[:, :3, 3])[None]
+    moves = (in_frame(T, places) - wanted[:, :3, 3])[None]
     frame = TaughtFrame(wanted)
     left: Array = np.linalg.norm(frame.rest(moves, wanted, frame.motions(moves))[0], axis=1)
     return left

@@ -15,7 +15,7 @@ from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Lengths
 from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.geometry.iso_cube import ORDER, Cube
-from analysis.geometry.rigid import best_rigid
+from analysis.geometry.rigid import best_rigid, in_frame
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_layout import joint_columns
 from rigs.errors import FileError
@@ -64,7 +64,7 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
     for names in permutations(range(1, len(ORDER) + 1)):
         goal = cube.places_mm[np.array(names) - 1]
         T = best_rigid(middles[largest], goal)
-        off = middles[largest] @ T[:3, :3].T + T[:3, 3] - goal
+        off = in_frame(T, middles[largest]) - goal
         if np.linalg.norm(off, axis=1).max() > _FITS * cube.side_mm:
             continue
         named = np.zeros(len(middles), dtype=np.int64)

@@ -18,6 +18,12 @@ def best_rigid(points: Array, targets: Array) -> Array:
     return T
 
 
+def in_frame(T: Array, points: Array) -> Array:
+    """Return points (n, 3) mm as the frame T (4, 4), in mm, puts them."""
+    moved: Array = points @ T[:3, :3].T + T[:3, 3]
+    return moved
+
+
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
     """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only

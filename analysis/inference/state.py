@@ -192,13 +192,6 @@ class Hyperparameters:
     columns: Columns
 
     @cached_property
-    def least_strength(self) -> Array:
-        """The smallest strength (b,) of each band, relative to the noise: 1 where repeats show it, less where it is
-        assumed."""
-        assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
-        return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
-
-    @cached_property
     def _targets(self) -> Mask:
         """Whether each entry (N,) is at a target."""
         return self.linear.at_entries([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
@@ -256,14 +249,15 @@ class Hyperparameters:
         free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
         ratio: Array = np.maximum(energy / free, 1e-9)
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
-        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.least_strength, 1.0))
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.strength_limits[0], 1.0))
 
     @cached_property
     def strength_limits(self) -> Array:
-        """The smallest and the largest strength (2, b) of each band, relative to the noise; known distances are as
-        certain as they are said to be."""
-        held = ~np.isfinite(self._band_price)
-        return np.stack([np.where(held, 1.0, self.least_strength), np.where(held, 1.0, _MOST_STRENGTH)])
+        """The smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 where repeats
+        show it, less where it is assumed; known distances are as certain as they are said to be."""
+        assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
+        least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+        return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
 
     def by_strength(self, posterior: Posterior) -> Array:
         """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
@@ -275,8 +269,8 @@ class Hyperparameters:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977)."""
         energy, spent = self._energy(state, posterior)
-        nearer: Array = np.maximum((energy + spent) / self.columns.count, self.least_strength)
-        return np.where(np.isfinite(self._band_price), nearer, 1.0)
+        nearer: Array = np.clip((energy + spent) / self.columns.count, *self.strength_limits)
+        return nearer
 
     def update(
         self,

@@ -14,13 +14,11 @@ import numpy as np
 
 from analysis.geometry.iso_cube import Cube
 from analysis.kinematics.arm import Array, Integers
+from analysis.measures.iso_figures import FEWEST_CYCLES
 from analysis.measures.quantity import Quantity, student_factor
 
 _SAME_RAD = float(np.radians(0.5))
 """A group of poses is one of the cube whose joints it has within this: what a robot reports lies beside the command."""
-
-_FEWEST = 3
-"""Cycles that a standard deviation is taken of."""
 
 
 def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
@@ -50,7 +48,7 @@ def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[s
     """AD and RD, from places xyz_mm (n, 3) of rows in order of time, pose (n,) of the cube; none below three cycles."""
     distances = _distances(pose, xyz_mm)
     n = len(distances)
-    if cube is None or n < _FEWEST:
+    if cube is None or n < FEWEST_CYCLES:
         return {}
     s = float(distances.std(ddof=1))
     u = student_factor(n - 1) * s / float(np.sqrt(n))

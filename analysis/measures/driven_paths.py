@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.geometry.iso_cube import Cube
 from analysis.geometry.iso_paths import CommandPath, PathName, paths_of
-from analysis.geometry.rigid import best_rigid
+from analysis.geometry.rigid import best_rigid, in_frame
 from analysis.kinematics.arm import Array
 from analysis.traces.path_moves import Moved, moves_of
 from analysis.traces.tables import PathTable
@@ -72,7 +72,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     coarse = []
     for name, own in whole.items():
         times = [table.t_s[one.first : one.last] for one in own]
-        driven = _driven(commands[name], [_moved(T, one) for one in places[name]], times)
+        driven = _driven(commands[name], [in_frame(T, one) for one in places[name]], times)
         if driven is None:
             coarse.append(name.replace("_", " "))
         elif name != "back":
@@ -129,11 +129,6 @@ def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> st
     )
 
 
-def _moved(T: Array, places: Array) -> Array:
-    moved: Array = places @ T[:3, :3].T + T[:3, 3]
-    return moved
-
-
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
     """The frame (4, 4) that brings all places to their paths."""
     some = {name: [one[:: max(1, len(one) // _FITTED)] for one in own] for name, own in places.items()}
@@ -145,7 +140,7 @@ def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, 
             goals.append(commands[name].at(way / way[-1] * commands[name].length_mm))
     T = best_rigid(seen, np.concatenate(goals))
     for _ in range(_ROUNDS):
-        goals = [_nearest(commands[name], _moved(T, one)) for name, own in some.items() for one in own]
+        goals = [_nearest(commands[name], in_frame(T, one)) for name, own in some.items() for one in own]
         T = best_rigid(seen, np.concatenate(goals))
     return T
 

@@ -8,6 +8,8 @@ from analysis.kinematics.arm import Array
 
 RP_VISITS = 30
 """Cycles that ISO 9283 asks for."""
+FEWEST_CYCLES = 3
+"""Cycles that a standard deviation is taken of."""
 RANGE_VISITS = 5
 """Approaches a side that ISO 230-2 asks for."""
 

@@ -25,7 +25,7 @@ from analysis.geometry.iso_cube import Cube
 from analysis.geometry.iso_paths import PathName, Polygon, Ring
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
-from analysis.measures.iso_figures import rp
+from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.scatter_figures import half_width
 from analysis.traces.tables import PathTable
@@ -41,8 +41,6 @@ _NEAR = 0.3
 """Share of a side after a corner in which an overshoot is looked for."""
 _SPANS = 60
 _SEED, _DRAWS = 1, 400
-FEWEST_CYCLES = 3
-"""Cycles that a standard deviation is taken of."""
 
 
 @dataclass(frozen=True)

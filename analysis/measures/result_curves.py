@@ -13,9 +13,9 @@ from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.evaluate import Evaluated
-from analysis.measures.iso_figures import rp
+from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.link_angle import CircleResult, error_of
-from analysis.measures.path import FEWEST_CYCLES, PathResult
+from analysis.measures.path import PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
