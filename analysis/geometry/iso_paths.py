@@ -7,6 +7,7 @@ All places are in mm, in the frame in which the cube is given.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,16 +17,18 @@ from analysis.geometry.iso_cube import FROM_CENTRE, Cube
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
 
-PathName = Literal["line", "back", "circle", "circle_cw", "small_circle", "rectangle"]
+PathName = Literal["line", "back", "circle", "circle_cw", "small_circle", "rectangle", "way"]
 _SMALL = 0.1
 """The small circle's share of the large one."""
-CYCLES: tuple[tuple[PathName, ...], ...] = (
+_CYCLES: tuple[tuple[PathName, ...], ...] = (
     ("line", "back"),
     ("rectangle",),
     ("circle", "circle_cw"),
     ("small_circle",),
 )
 """What each cycle drives, and in which order: all cycles of the first, then all of the next."""
+_SAME_MM = 1e-6
+"""The rounding of a place that two paths share."""
 STAND_S = 2.0
 """Standing before and after each path, by which the tracker's recording is divided."""
 
@@ -108,6 +111,19 @@ def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
         Ring("small_circle", cube.centre_mm, level, rising, _SMALL * radius),
     )
     return {path.name: path for path in paths}
+
+
+def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
+    """Yield the paths as a program drives them, each cycle so many times; `way` leads straight from where the cycles of
+    one end to where those of the next begin, and is not judged."""
+    paths, at = paths_of(cube), cube.places_mm[1]
+    for names in _CYCLES:
+        start = paths[names[0]].at(np.zeros(1))[0]
+        if np.linalg.norm(start - at) > _SAME_MM:
+            yield Polygon("way", np.array([at, start]))
+        for name in names * cycles:
+            yield paths[name]
+        at = start
 
 
 def joints_along(arm: Arm, cube: Cube, path: CommandPath, s_mm: Array, where: str) -> Array:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import chain, pairwise
+from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 
 from analysis.geometry.iso_cube import ORDER, Cube, cube_of, cycle_stops, iso9283_of
-from analysis.geometry.iso_paths import CYCLES, STAND_S, CommandPath, Polygon, Ring, joints_along, paths_of
+from analysis.geometry.iso_paths import STAND_S, CommandPath, Polygon, Ring, in_order, joints_along
 from analysis.geometry.programs import fastest_joints
 from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.robot_programs.plan import Arc, Comment, Dwell, Hold, JointMove, Line, Move, Plan, Step
@@ -34,20 +35,20 @@ def path_plan(rig: Rig, percent: int) -> Plan:
     """The plan of the paths at so many percent of their speed, each as often as the rig file says, with a stand before
     and after. Raises FileError without a cube, or where a joint is too slow."""
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
-    paths, speed = paths_of(cube), test.path_speed_mm_s * percent / 100
-    where = RigPlace.of(rig.name, "tests.iso9283")
-    drive = {name: [*_moves(arm, cube, path, speed, where), Dwell(STAND_S)] for name, path in paths.items()}
-    begin = targets_at(arm, joints_along(arm, cube, paths["line"], np.zeros(1), where))[0]
+    speed, where = test.path_speed_mm_s * percent / 100, RigPlace.of(rig.name, "tests.iso9283")
+    paths = list(in_order(cube, test.path_cycles))
+    begin = targets_at(arm, joints_along(arm, cube, paths[0], np.zeros(1), where))[0]
     steps: list[Step] = [JointMove(begin, _TO_START_RAD_S), Hold("start the recording of the tracker, continue")]
     steps.append(Dwell(STAND_S))
-    at = paths["line"].at(np.zeros(1))[0]
-    for names in CYCLES:
-        start = paths[names[0]].at(np.zeros(1))[0]
-        if np.linalg.norm(start - at) > 0:
-            steps += [*_moves(arm, cube, Polygon("back", np.array([at, start])), speed, where), Dwell(STAND_S)]
-        at = start
-        for cycle in range(1, test.path_cycles + 1):
-            steps += [Comment(f"{names[0].replace('_', ' ')} {cycle}"), *chain(*(drive[name] for name in names))]
+    drive: dict[str, list[Move]] = {}
+    count = Counter[str]()
+    for path in paths:
+        if path.name == "way" or path.name not in drive:
+            drive[path.name] = _moves(arm, cube, path, speed, where)
+        count[path.name] += 1
+        if path.name != "way":
+            steps.append(Comment(f"{path.name.replace('_', ' ')} {count[path.name]}"))
+        steps += [*drive[path.name], Dwell(STAND_S)]
     return tracker_plan(rig, f"path {percent} {rig.name}", steps)
 
 

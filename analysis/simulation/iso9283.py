@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.geometry.iso_cube import Cube, cube_of, cycle_stops, iso9283_of
-from analysis.geometry.iso_paths import CYCLES, STAND_S, CommandPath, Polygon, joints_along, paths_of
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, transform
+from analysis.geometry.iso_paths import STAND_S, CommandPath, Polygon, in_order, joints_along
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved, path_of
 from analysis.simulation.touches import STOPS_MM
@@ -29,8 +29,6 @@ _RATE_HZ = 100.0
 """Places a second; trackers record ten times as many, which says no more of a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
 """The acceleration of the programs (analysis/robot_programs/plan.py)."""
-_SAME_RAD = 1e-6
-"""The rounding of joints at a place that two paths share."""
 _STEPS = 2000
 """Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
 
@@ -59,24 +57,17 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
     """Times (n,) s and joints (n, 6) rad at the tracker's rate along all paths, and the number (n,) of the path that is
-    driven, counted from 0, those between paths and the stand after each with it."""
+    driven, with the stand after it; 0 is the stand before the first."""
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
-    paths, where = paths_of(cube), RigPlace.of(rig.name, "tests.iso9283")
-    legs = {name: _leg(arm, cube, path, test.path_speed_mm_s, where) for name, path in paths.items()}
-    parts, leg = [np.tile(legs["line"][:1], (int(STAND_S * _RATE_HZ), 1))], 0
-    numbers = [np.zeros(len(parts[0]), dtype=np.int64)]
-    for names in CYCLES:
-        start = legs[names[0]][:1]
-        if np.abs(start - parts[-1][-1:]).max() > _SAME_RAD:
-            between = Polygon("back", np.stack([forward(arm, at)[0, :3, 3] for at in (parts[-1][-1:], start)]))
-            parts.append(_leg(arm, cube, between, test.path_speed_mm_s, where))
-            numbers.append(np.full(len(parts[-1]), leg))
-        for name in names * test.path_cycles:
-            leg += 1
-            parts.append(legs[name])
-            numbers.append(np.full(len(parts[-1]), leg))
+    where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()
+    parts = list[Array]()
+    for path in in_order(cube, test.path_cycles):
+        if path.name == "way" or path.name not in legs:
+            legs[path.name] = _leg(arm, cube, path, test.path_speed_mm_s, where)
+        parts.append(legs[path.name])
+    parts.insert(0, np.tile(parts[0][:1], (int(STAND_S * _RATE_HZ), 1)))
     q = np.concatenate(parts)
-    return np.arange(len(q)) / _RATE_HZ, q, np.concatenate(numbers)
+    return np.arange(len(q)) / _RATE_HZ, q, np.repeat(np.arange(len(parts)), [len(part) for part in parts])
 
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
