@@ -216,11 +216,10 @@ class _Budget:
         evidence = np.array([0.0, *(gain[k] for k in best.values())])
         odds = np.exp(evidence - evidence.max())
         odds /= odds.sum()
+        kept = [forms[k] for k in best.values()]
         found = [
-            Member(
-                combined_effect(forms[k].effects, result.posterior.size(forms[k])), self._um_of(forms[k]), float(one)
-            )
-            for k, one in zip(best.values(), odds[1:], strict=True)
+            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(one))
+            for form, one in zip(kept, odds[1:], strict=True)
         ]
         return tuple(sorted(found, key=lambda one: -one.odds)[:_MOST_MEMBERS])
 
