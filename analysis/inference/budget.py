@@ -14,6 +14,7 @@ from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
 from analysis.inference.result import BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.inference.search import SearchResult
+from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PlaceTable
@@ -36,6 +37,8 @@ be."""
 _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+_NO_FREEDOM = 1e-14
+"""Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
 
@@ -43,7 +46,8 @@ _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 @dataclass(frozen=True)
 class Measure:
     """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
-    set-ups absorb."""
+    set-ups absorb: as much as in the gap, where the readings alone do not decide how high above its circle a ball is.
+    """
 
     linear: Linearisation
 
@@ -63,14 +67,23 @@ class Measure:
         return self.linear.at_entries(parts)
 
     @cached_property
-    def _basis(self) -> Array:
-        """An orthonormal basis (N, s) of what set-ups absorb where every reading counts alike, as in the gap."""
-        return basis_of(self._root[:, None] * self.linear.U)
+    def _absorbs(self) -> tuple[Array, Array]:
+        """What set-ups are free to do (N, s), and what takes the moves (s,) from weighted changes (N,): the balls of
+        circles and hemispheres as far as the fit of a gap lets them go, everything else as it fits best."""
+        U = self._root[:, None] * self.linear.U
+        whole = self._root * self.linear.residual(())
+        kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
+        held = np.zeros(U.shape[1])
+        for one, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
+            if not isinstance(one.one.table, PlaceTable):
+                held[self.linear.terms[one.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+        return U, np.linalg.pinv(U.T @ U + np.diag(held), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
-        kept: Array = weighted - self._basis @ (self._basis.T @ weighted)
+        U, moves = self._absorbs
+        kept: Array = weighted - U @ (moves @ weighted)
         return kept
 
     def um(self, changes: Array) -> float:
