@@ -28,9 +28,6 @@ from rigs.schema.effect import PartKind, healthy, label_of, size_field
 # absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
 # goes to each. Every test counts by its readings, as in the gap.
 
-CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
-"""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
 be."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.acts import Act, Against
+from analysis.inference.naming_tests import JOINED
 from analysis.inference.result import Diagnosis, Member
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
@@ -86,6 +87,8 @@ class ActWords:
         if test is None:
             return texts("next_elsewhere" if act.why == "rivals" else "act_group_no_test", parts=self.parts(act))
         share = percent(sum(self.found.budget[k].share for k in act.parts))
+        if test.test == JOINED:
+            return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
         minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("no_minutes")
         which = "act_rivals" if act.why == "rivals" else "act_group"
         return texts(

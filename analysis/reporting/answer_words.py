@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.acts import Doubt
-from analysis.inference.budget import CERTAIN_SIGMA, LARGE_SHARE
-from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Named
+from analysis.inference.budget import LARGE_SHARE
+from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, is_sure
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
@@ -21,22 +21,10 @@ from rigs.schema.effect import whole_order
 
 SMALL_SHARE = 0.001
 """Share of the error below which parts that are not unusual are counted together."""
-SURE_SIGMA = 3.0
-"""Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
 _WIDELY = 2.0
 """Times usual from which an effect of usual size that is sure is said beside what makes more. Chosen: one of twenty
 arms without a fault shows as much of it."""
 _MOST_NAMED = 3
-_CERTAIN = ODDS / (1 + ODDS)
-"""Odds from which a name has no rival."""
-
-
-def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
-    """Whether a part is there for certain: an effect without rivals, or many small terms together."""
-    if part.index is None:
-        return part.sigma >= CERTAIN_SIGMA
-    one = found.effects[part.index]
-    return one.doubt in (None, "usual") and one.posterior >= _CERTAIN and part.sigma >= SURE_SIGMA
 
 
 def large_parts(found: Diagnosis) -> list[BudgetPart]:
@@ -179,7 +167,7 @@ class AnswerWords:
         return [self.texts("says_open", faults=self._listed([*map(self._alternatives, open_ones)]))]
 
     def _by_certainty(self) -> tuple[list[Named], list[Named]]:
-        sure = [one for one in self.found.standing if one.posterior >= _CERTAIN]
+        sure = [one for one in self.found.standing if one.posterior >= CERTAIN_ODDS]
         return sure, [one for one in self.found.standing if one not in sure]
 
     def _sure_as_well(self) -> list[str]:
