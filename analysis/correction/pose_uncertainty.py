@@ -126,6 +126,11 @@ class _Both:
         return covariance
 
     @property
+    def local_mm(self) -> float:
+        """What the calibrated model left unexplained, in mm of one coordinate."""
+        return self.calibrated.local_mm
+
+    @property
     def joints_rad(self) -> Array | None:
         """The joint angles (6, 2) rad of the runs behind the calibration."""
         return self.calibrated.joints_rad
@@ -147,7 +152,7 @@ def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Arr
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     motions = frame.motions(known.pose_displacements(taught)[:, :, :3])
-    squares = np.zeros(len(q))
+    squares = np.full(len(q), 3 * known.local_mm**2 if isinstance(known, _Both) else 0.0)
     for begin in range(0, len(q), _ROWS):
         rows = slice(begin, begin + _ROWS)
         left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
