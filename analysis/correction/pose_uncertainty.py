@@ -152,12 +152,13 @@ def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Arr
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     motions = frame.motions(known.pose_displacements(taught)[:, :, :3])
-    squares = np.full(len(q), 3 * known.local_mm**2 if isinstance(known, _Both) else 0.0)
+    squares: Array = np.full(len(q), 3 * known.local_mm**2 if isinstance(known, _Both) else 0.0)
     for begin in range(0, len(q), _ROWS):
         rows = slice(begin, begin + _ROWS)
         left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
         squares[rows] = (left**2).sum(axis=(0, 2))
-    return np.sqrt(squares)
+    u_mm: Array = np.sqrt(squares)
+    return u_mm
 
 
 def displacements(known: PoseUncertainty, q: Array) -> Array:

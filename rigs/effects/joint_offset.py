@@ -44,7 +44,8 @@ class JointOffset(Effect):
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, build: Build) -> float:
-        """Light arms show twice as much: zeros of a UR10's axes 2 to 4 are off by up to 0.06° (Landgraf et al., 2021)."""
+        """Light arms show twice as much: zeros of a UR10's axes 2 to 4 are off by up to 0.06°; source: Landgraf et al.,
+        2021."""
         return 1.0 if build == "industrial" else 2.0
 
     @property
