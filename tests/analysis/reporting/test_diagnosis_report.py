@@ -258,9 +258,8 @@ def test_figures_in_words() -> None:
     assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
 
 
-def test_twins_are_one_name_and_the_budget_says_how_halves_are_shared() -> None:
+def test_twins_are_one_name() -> None:
     twins = (LinkGeometry(axis=2, field="d"),)
     twin = replace(PLAY, effect=LinkGeometry(axis=3, field="d", delta=0.7), sd={}, twins=twins)
     text = " ".join(_printed(diagnosis("named", effects=(twin,)), width=140).split())
     assert "link_geometry 3.d + link_geometry 2.d" in text
-    assert "of what two parts have in common each has half" in text
