@@ -15,6 +15,7 @@ from analysis.inference.blocks import Block
 from analysis.inference.budget import EffectChange, budget_of, effect_changes
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
+from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
 from analysis.inference.plan import possible_tests, separating
 from analysis.inference.prepared_runs import prepare_runs, without_wild
@@ -197,7 +198,12 @@ def diagnose(
         next_test, doubt = _next_test(rig, named, used, result)
         found, doubts = replace(found, next_test=next_test), doubts + doubt
     place = JudgedPlace(judged.place, sound, elsewhere or judges or sound, stages, gaps.judged)
-    found = replace(found, acts=acts_of(found, place))
+    if found.condition not in ("not_testable_here", "undecided") and given is None:
+        kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+        tests = naming_tests(rig, kinds, result, found.budget, named, (sound, elsewhere))
+    else:
+        tests = []
+    found = replace(found, acts=acts_of(found, place, tests))
     return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
 
 

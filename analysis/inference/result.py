@@ -124,6 +124,15 @@ ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
 
+SURE_SIGMA = 3.0
+"""Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
+CERTAIN_ODDS = ODDS / (1 + ODDS)
+"""Share of the evidence from which a name has no rival."""
+CERTAIN_SIGMA = 7.0
+"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
+"""
+
+
 @dataclass(frozen=True)
 class Place:
     """A place where measurement and simulation disagree by more than the noise.
@@ -478,6 +487,14 @@ class Diagnosis(Tabular):
             }
         )
         return plain
+
+
+def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether a part is there for certain: an effect without rivals, or many small terms together."""
+    if part.index is None:
+        return part.sigma >= CERTAIN_SIGMA
+    one = found.effects[part.index]
+    return one.doubt in (None, "usual") and one.posterior >= CERTAIN_ODDS and part.sigma >= SURE_SIGMA
 
 
 def _of_place(place: Place) -> dict[str, Any]:
