@@ -23,6 +23,7 @@ from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.stepwise import staircase_of
 from analysis.inference.validation import calibrated_model, gap, gap_alone_um, held_out_gains, stages_of, widening
 from analysis.inference.verdict import (
     Gaps,
@@ -184,6 +185,7 @@ def diagnose(
     written = [one.effect for one in found.written]
     wider = widening(judges, stages, result)
     found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider))
+    found = replace(found, staircase=staircase_of(found, result, stages, sound, judges, elsewhere))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":
