@@ -452,7 +452,7 @@ class Diagnosis(Tabular):
                 "runs": self.runs,
                 "effects": [one.to_dict() for one in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [_of_place(place) for place in self.where],
+                "where": [of_place(place) for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(one) for one in self.left],
                 "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
@@ -474,7 +474,8 @@ def _name_of_part(part: BudgetPart) -> str:
     return part.name or f"{part.kind} {part.axis or ''}".rstrip()
 
 
-def _of_place(place: Place) -> dict[str, Any]:
+def of_place(place: Place) -> dict[str, Any]:
+    """A place in plain types."""
     return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
 
 

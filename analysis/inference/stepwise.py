@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.inference.background import background_terms
-from analysis.inference.budget import part_of
+from analysis.inference.budget import group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
@@ -29,8 +29,9 @@ from rigs.effects import Effect
 
 _MOST_STEPS = 6
 """Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
-_LEAST_SHARE = 0.01
-"""Share of the error from which a part has a step of its own. Chosen: less is not seen on a chart."""
+_LEAST = 0.05
+"""Share of the gap that a part makes by itself, root mean square, from which it has a step of its own. Chosen: less is
+hardly seen on a chart."""
 _ROWS = 256
 """Readings of a circle by which a step between the first and the last is judged. Chosen: they give its root mean square
 to some percent."""
@@ -77,8 +78,9 @@ def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_
     terms = _terms_by_part(result) if stages.has_background else {}
     named = [found.effects[one.index].effect if one.index is not None else None for one in budget]
     added = [k for k, one in enumerate(budget) if named[k] in effects or (one.kind, one.axis) in terms]
-    added.sort(key=lambda k: -budget[k].share)
-    large = [k for k in added if budget[k].share >= _LEAST_SHARE][:_MOST_STEPS]
+    added.sort(key=lambda k: -budget[k].um)
+    least_um = _LEAST * found.train.before_um
+    large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
     yield _Rung((), ())
     names: list[Effect] = []
     shown: list[tuple[Effect, float]] = []
@@ -97,7 +99,7 @@ def _terms_by_part(result: SearchResult) -> dict[tuple[str, int | None], list[tu
     the part of the error that they belong to."""
     found: dict[tuple[str, int | None], list[tuple[Effect, float]]] = {}
     for term in background_terms(result.calibrated_posterior):
-        found.setdefault(part_of(term.effect), []).append((term.effect, term.times))
+        found.setdefault(group_of(term.effect), []).append((term.effect, term.times))
     return found
 
 
@@ -120,9 +122,7 @@ def _thinned(run: ObservedRun) -> ObservedRun:
     return replace(run, one=thinned(run.one, _ROWS)) if isinstance(run.one.table, CircleTable) else run
 
 
-def drawn(
-    linear: Linearisation, models: Sequence[tuple[Effect, ...]]
-) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return what models with these effects leave of each circle (steps, n, 2) and at targets (steps, n) in µm, with
     the set-ups fitted, as it is drawn."""
     curves, maps = [], []
