@@ -40,6 +40,12 @@ _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
 
 
+def group_of(effect: Effect) -> tuple[PartKind, int | None]:
+    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
+    joint where each joint has one."""
+    return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
+
+
 @dataclass(frozen=True)
 class Measure:
     """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
@@ -194,9 +200,7 @@ class _Budget:
         posterior, columns = self.result.posterior, self.result.selection.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            effect = form.effects[0]
-            axis = getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
-            groups.setdefault((effect.part, axis), []).append(form)
+            groups.setdefault(group_of(form.effects[0]), []).append(form)
         found = []
         for (kind, axis), forms in groups.items():
             own = np.array([column for form in forms for column in form.columns])
