@@ -121,6 +121,7 @@ class Rigd:
     def __init__(self, rig_name: str, child: Child) -> None:
         self._name, self._child = rig_name, child
         self._client: Client | None = None
+        self._after: dict[str, int] = {}
 
     def _come_up(self) -> None:
         until_s = clock.now_s() + _READY_S
@@ -163,10 +164,12 @@ class Rigd:
         ]
 
     def joints(self) -> tuple[float, list[float]] | None:
-        """Return the newest joint angles in degrees with their time in s, None where there are none."""
-        robot = self.ask("samples", after={})["streams"].get("robot")
+        """Return the newest joint angles in degrees with their time in s, None where none have come since the last
+        time."""
+        robot = self.ask("samples", after=self._after)["streams"].get("robot")
         if not robot or not robot["rows"]:
             return None
+        self._after = {"robot": robot["newest"]}
         row, columns = robot["rows"][-1], robot["columns"]
         angles = [row[1 + columns.index(name)] for name in _JOINTS]
         return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)

@@ -86,6 +86,7 @@ class SimulatedRigd(Rigd):
 
     def __init__(self, rig_name: str, cell: SimulatedCell) -> None:
         self._name, self._cell = rig_name, cell
+        self._after = {}
         self._daemon: Any = cell.daemon()
         self._hold_reading()
 
