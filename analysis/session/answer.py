@@ -31,6 +31,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     """Diagnose runs beside the model of a rig file, judged by runs at a place that is not used, and write what was
     found into a directory. Raises RigError."""
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
+    from analysis.reporting.act_words import ActWords  # noqa: PLC0415
     from analysis.reporting.answer_words import AnswerWords, part_of  # noqa: PLC0415
     from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -39,7 +40,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
     found = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
     written = write(found, text, directory)
-    words = AnswerWords(found)
+    words, acts = AnswerWords(found), ActWords(found)
     faults = [part_of(found, one) for one in found.standing]
     parts = [
         PartOfError(
@@ -60,9 +61,9 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         standing=found.accuracy.standing,
         headline=words.headline,
         accuracy=f"{words.accuracy} {words.judged}",
-        next_step=words.next_step,
+        next_step=acts.next,
         parts=tuple(parts),
-        remedies=tuple(f"{words.noun(one.effect)}: {one.remedy}" for one in found.standing),
+        remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
         next_test=found.next_test.test if found.next_test else "",
         runs_to_decide=found.runs_to_decide,
         now_um=found.accuracy.now_um,

@@ -35,8 +35,13 @@ _PART_OF: dict[Stage, PartKind] = {
     "gauge": "gauges",
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
+Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
+"""What a hand does about an effect: repair a part of the arm, re-master a joint, enter a number, mount ball or gauges
+anew, or wait until it is warm."""
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
+_OF_A_WAVE = 0.1
+"""Part of a wave to which an order is a whole number: no gear has 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 """Parameters that say where an effect sits."""
 
@@ -177,6 +182,8 @@ class Effect(Part, ABC):
     """The part of an arm's error that it belongs to, where its stage does not say that."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
+    DEED: ClassVar[Deed] = "repair"
+    """What a hand does about it."""
     MOST: ClassVar[float] = 120.0
     """The largest size that a fit may find, in healthy sizes: faults are at most 100, and the simulator was not tested
     far beyond."""
@@ -295,7 +302,12 @@ def name_of(effect: Effect) -> str:
 def label_of(effect: Effect) -> str:
     """The name of an effect; gears by order, which are many of one name."""
     order = getattr(effect, "order", None)
-    return name_of(effect) if order is None else f"{name_of(effect)} order {order:g}"
+    return name_of(effect) if order is None else f"{name_of(effect)} order {whole_order(order):g}"
+
+
+def whole_order(order: float) -> float:
+    """The order of a gear's wave as it is said: the number of teeth, where it is one to a tenth of a wave."""
+    return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def phases(effect: _E) -> tuple[_E, ...]:
