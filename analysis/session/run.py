@@ -38,7 +38,7 @@ class Asked:
 
     @property
     def pace(self) -> Pace:
-        """What the session takes beside the motion; in simulated time the hands are as slow as a person's."""
+        """What the session takes beside the motion; in simulated time as much as with a person."""
         return BY_ITSELF if self.emulated and not self.fast else BY_HAND
 
 
@@ -95,16 +95,14 @@ def _means(session: Session, place: Place, asked: Asked) -> Iterator[Means]:
         return
     from analysis.session.simulated import (  # noqa: PLC0415 - imports the daemon
         SimulatedCells,
-        SimulatedHands,
         SimulatedInference,
         simulated_time,
     )
 
     with simulated_time(session.emulated.seed) as simulated:
         cells = SimulatedCells(simulated, place.directory)
-        hands = SimulatedHands(
-            place.directory, session.maker, session.emulated, _entered_files(session, place), cells, asked.pace
-        )
+        files = _entered_files(session, place)
+        hands = EmulatedHands(place.directory, session.maker, session.emulated, files, cells.start_cell)
         yield Means(hands, cells.start_rigd, SimulatedInference.start)
 
 

@@ -2,8 +2,8 @@
 
 Daemon, instruments, lines' pace, the robot with its programs and the inference are the same; only the processes, the
 ports and the clock are not. So nothing is late here, whatever else the computer does, and a seed gives the same runs.
-A person's hands take as long as at a real cell. An inference takes a time of its own beside the robot, in which it must
-be done in fact.
+What a person would do between programs is planned for, and takes no time. An inference takes a time of its own beside
+the robot, in which it must be done in fact.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from analysis.emulation.cell_files import write_cell_files
 from analysis.emulation.keyboard import Keyboard
 from analysis.emulation.pendant import Pendant
 from analysis.session.answer import Inference
-from analysis.session.cell import EmulatedHands, Rigd
-from analysis.session.plan import Pace, Program
-from analysis.session.state import Answer, Emulated, Stage
+from analysis.session.cell import Rigd
+from analysis.session.state import Answer
 from analysis.simulation.emulated_robot import EmulatedRobot
 from daq import clock
 from daq.simulated.cell import SimulatedCell
@@ -129,34 +128,6 @@ class SimulatedCells:
         assert self._child is not None  # noqa: S101 - hands set a stage up before it is read
         self.rigd = SimulatedRigd(rig_name, self._child.cell)
         return self.rigd
-
-
-class SimulatedHands(EmulatedHands):
-    """Hands that take as long as a person's, with nobody waiting for them."""
-
-    def __init__(
-        self,
-        directory: Path,
-        maker: Maker,
-        emulated: Emulated,
-        entered: Sequence[Path],
-        cells: SimulatedCells,
-        pace: Pace,
-    ) -> None:
-        """pace: what a person's set-ups and starts take. The other arguments are those of `EmulatedHands`."""
-        super().__init__(directory, maker, emulated, entered, cells.start_cell)
-        self._pace = pace
-
-    def set_up(self, stage: Stage, rig_file: Path) -> Path:
-        """Set a stage up, before the cell is switched on."""
-        clock.sleep(60 * self._pace.set_up_min)
-        return super().set_up(stage, rig_file)
-
-    def start(self, program: Program) -> None:
-        """Walk to the pendant, and press start."""
-        self._free()
-        clock.sleep(self._pace.handling_s)
-        super().start(program)
 
 
 @dataclass
