@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.calibration import ground_of
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.inference.result import Diagnosis
 
 ANSWER = "answer.json"
 _SHOWN = 6
@@ -80,6 +84,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 def _next_test(found: Diagnosis) -> str:
     """The test that would tell rivals apart, or name a group, as `rig plan` calls it; empty where none is to be
     driven."""
+    from analysis.inference.naming_tests import JOINED  # noqa: PLC0415 - slow to import
+
     driven = (act.test.test for act in found.acts if act.test and act.test.test != JOINED)
     return next(driven, found.next_test.test if found.next_test else "")
 

@@ -107,9 +107,10 @@ class PathError(Part):
 
 class Answer(Part):
     """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
-    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
-    rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
-    one run, root mean square."""
+    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
+    accuracy, next_step: its sentences; next_test: the test that would separate rivals or name a group; runs_to_decide:
+    how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
+    square."""
 
     runs: int
     judges: int = 0
