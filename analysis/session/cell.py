@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,6 +20,7 @@ from analysis.session.state import Emulated, Stage, Step
 from analysis.session.watch import Watch, Way
 from daq import clock
 from daq.service.client import Client, find_socket
+from daq.store.manifest import DrivenWith
 from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import Maker
 
@@ -215,6 +216,8 @@ class LiveDriver:
         """wait_min: how many minutes a robot has to begin."""
         self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
         self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
+        self.entered = False
+        """Whether the controller has the values of a correction, which correct whatever is driven."""
         self._rigd: Rigd | None = None
         self._programs: Mapping[str, Program] = {}
         self._ways: dict[str, Way] = {}
@@ -236,7 +239,9 @@ class LiveDriver:
         """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
         assert self._rigd is not None  # noqa: S101 - a stage was set up
         watch = Watch(self._ways, step.program, self._ended)
-        drive = _Drive(self._rigd, self._hands, self._screen, self._programs, watch, step, wait)
+        by: DrivenWith = "entries" if self.entered else ""
+        programs = {name: replace(one, corrected=one.corrected or by) for name, one in self._programs.items()}
+        drive = _Drive(self._rigd, self._hands, self._screen, programs, watch, step, wait)
         self._ended = ""
         run = drive.run(self._operator, self._wait_s, self._directory / "runs")
         self._ended = drive.ended
@@ -244,7 +249,8 @@ class LiveDriver:
 
     def enter(self, file: Path) -> bool:
         """Have values entered at the controller."""
-        return self._hands.enter(file)
+        self.entered = self._hands.enter(file)
+        return self.entered
 
     def close(self) -> None:
         """Stop rigd, and leave the cell."""
@@ -340,6 +346,7 @@ class _Drive:
                 direction=one.direction,
                 operator=operator,
                 placement=one.stage,
+                corrected=one.corrected,
             )
         except RigError as error:
             self._tell(f"nothing is recorded: {error}")

@@ -77,6 +77,7 @@ def run_session(
             driver = LiveDriver(
                 rig.name, place.directory, hands, screen, asked.operator, asked.wait_min, own.start_rigd
             )
+            driver.entered = bool(_entered_files(session, place))
             try:
                 guide = Guide(
                     place, session, driver, screen, asked.pace, wanted=asked.correct,
