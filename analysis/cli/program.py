@@ -11,7 +11,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import RigArgument
+from analysis.cli.options import RigArgument, maker_option
 from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _DWELL_S = 3.0
 @command(app, "rig program ur10e --for ur --test yaw -o programs")
 def program(
     rig_file: RigArgument,
-    maker: Annotated[Maker, typer.Option("--for", help="Maker of the controller.")],
+    maker: Annotated[Maker, maker_option("Maker of the controller")],
     test: Annotated[
         ProgramTest,
         typer.Option(

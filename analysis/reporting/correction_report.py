@@ -63,6 +63,10 @@ def as_table(found: Corrections) -> RenderableType:
 
 
 def _first(found: Corrections) -> str:
+    if all(one.use == "none" for one in found.effects) and found.work.model_um < _GAIN_UM:
+        return (
+            f"Nothing of the tool's {found.work.before_um:.0f} µm over the work can be corrected; the table says why."
+        )
     if found.at_controller:
         return controller_report.first_sentence(found.at_controller) + _either(found)
     work = found.work
@@ -78,7 +82,12 @@ def _first(found: Corrections) -> str:
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
             f"taught with the robot it is {_mm(work.before_um)} mm as it is."
         )
-    return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
+    return (
+        f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
+        f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
+        f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
+        "tell more."
+    )
 
 
 def _mm(um: float) -> str:
