@@ -55,11 +55,11 @@ def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
 
 def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:
     """Measured over simulated and their difference, a picture for each run. Raises FileError."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
     named = distinctly_named([one.result for one in comparisons])
     pictures = zip(named, comparisons, strict=True)
-    return write_all_over(directory, {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures})
+    return write_views(directory, {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures})
 
 
 def _save(one: Comparison, file: BinaryIO) -> None:

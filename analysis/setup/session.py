@@ -9,7 +9,7 @@ from typing import Annotated
 from analysis.setup.answers import Answers, forget_answers, keep_answers, kept_in, load_answers
 from analysis.setup.arms import chosen_arm
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.gauge_questions import ask_baseline, ask_gauges
+from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
 from analysis.setup.options import Options, checked
 from analysis.setup.rig_text import rig_text
 from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tolerance, ask_tool
@@ -25,6 +25,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     _check_new(path)
+    if options.baseline_mm is not None:
+        hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     answers = load_answers(path)
     if answers.count:

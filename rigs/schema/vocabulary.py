@@ -41,7 +41,7 @@ def maker_named(word: str) -> Maker | None:
     """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
     word."""
     letters = "".join(char for char in word.casefold() if char.isalnum())
-    named = {**{maker: maker for maker in MAKERS}, **_ALSO_NAMED}
+    named: dict[str, Maker] = {maker: maker for maker in MAKERS} | _ALSO_NAMED
     return next((maker for name, maker in named.items() if letters.startswith(name)), None)
 
 
