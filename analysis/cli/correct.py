@@ -10,7 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
-from analysis.cli.options import AsJson, maker_option
+from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
 from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, DrivenTest, Maker, maker_of
 from rigs.text import as_argument
@@ -93,6 +93,7 @@ def correct(
     programs: _Programs = None,
     tools: _Tools = None,
     frames: _Frames = None,
+    anyway: Anyway = False,
     as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
@@ -101,11 +102,13 @@ def correct(
     from analysis.correction.controllers import scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig, target_errors  # noqa: PLC0415
     from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
+    from analysis.correction.refusal import hold_verdict  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
     rig, _ = load(rig_file)
+    hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):

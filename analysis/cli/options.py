@@ -122,4 +122,8 @@ ModelRig = Annotated[
         "--rig", autocompletion=completion.rig_files, help="Rig file of the model; default: that of the first run."
     ),
 ]
+Anyway = Annotated[
+    bool,
+    typer.Option("--anyway", help="Write it although the diagnosis says: correct nothing; the files say so."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]

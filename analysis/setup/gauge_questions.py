@@ -46,7 +46,7 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 
 def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
-    place = f"{gauge.port}#{gauge.channel}" if "channel" in gauge.model_fields_set else gauge.port
+    place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
     return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and counts {gauge.counts}"
 
 
