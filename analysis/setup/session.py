@@ -17,6 +17,7 @@ from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import parse
 from rigs.rig import Rig
+from rigs.text import as_argument
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
@@ -47,7 +48,9 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
 
 def _check_new(path: Path) -> None:
     if path.exists() or path.is_symlink():
-        raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
+        raise FileError(
+            str(path), "exists already", f"give another name, or edit it and run rig check {as_argument(path)}"
+        )
 
 
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
