@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tests.support import independent_arm
-from tests.support.independent_arm import RIGS, Constants, Seen, Wrong, flange
+from tests.support.independent_arm import RIGS, Constants, Seen, Wrong, flange, none
 
 Array = NDArray[np.float64]
 ROBOTS = ("paper-fanuc", "ur10e")
@@ -79,11 +79,6 @@ def _circle(name: str) -> _Circle:
         circle["speed_mm_s"], np.radians(circle["start_deg"]), np.radians(circle["posture_deg"]),
         (turn, np.array(tool["xyz_mm"], float)),
     )  # fmt: skip
-
-
-def none() -> Wrong:
-    """An arm as its constants say."""
-    return Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
 
 
 def _tool(arm: Constants, wrong: Wrong, circle: _Circle, q: Array) -> tuple[Array, Array]:
