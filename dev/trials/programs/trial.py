@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -96,6 +97,10 @@ def correct(draft: Draft) -> Corrected:
     return Corrected(files, frozenset(done), tuple(left), max(u_mm))
 
 
+_REFUSED = (TypeError, ValueError, IndexError, KeyError, RecursionError)
+"""Of values that a controller refuses as well: it stops there, before and after."""
+
+
 def _texts(files: Mapping[str, bytes]) -> dict[str, str]:
     return {name: data.decode("latin-1").removeprefix("ï»¿") for name, data in files.items()}
 
@@ -103,10 +108,8 @@ def _texts(files: Mapping[str, bytes]) -> dict[str, str]:
 def reached(draft: Draft, files: Mapping[str, bytes], program: Any, world: World, ways: Ways) -> list[Reached]:
     """Return what a program reaches on one way."""
     machine = MACHINES[draft.dialect].Machine(program, world, ways)
-    try:
+    with suppress(Ended, *_REFUSED):
         machine.run()
-    except Ended:
-        pass
     return list(machine.robot.reached)
 
 
@@ -156,8 +159,8 @@ def _drive(draft: Draft, corrected: Corrected, verdict: Verdict) -> None:
     after = language.Program(_texts(corrected.files), draft.main)
     pairs: dict[tuple[Any, ...], tuple[Reached, Reached]] = {}
     for seed in range(WORLDS):
-        shared = {("tool", name): T for name, T in draft.tools.items()}
-        world = World(seed, shared | {("frame", name): T for name, T in draft.frames.items()})
+        shared = {("tool", name.lower()): T for name, T in draft.tools.items()}
+        world = World(seed, shared | {("frame", name.lower()): T for name, T in draft.frames.items()})
         for ways in every_way(WAYS, seed):
             first = reached(draft, draft.files, before, world, ways)
             again = reached(draft, corrected.files, after, world, Ways(tuple(ways.taken)))
