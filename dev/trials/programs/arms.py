@@ -53,6 +53,11 @@ class Cell:
     nominal: Constants
     wrong: Wrong
     centre: Array
+    limits: Array
+
+    def allows(self, q: Array) -> bool:
+        """Return whether joint angles (6,) rad are within the limits."""
+        return bool((q >= self.limits[:, 0]).all() and (q <= self.limits[:, 1]).all())
 
     def flanges(self, q: Array) -> Array:
         """Frames (n, 4, 4) in the robot's base of the real flange at reported angles q (n, 6) rad."""
@@ -90,7 +95,8 @@ def cell(dialect: str) -> Cell:
         np.array(rig.robot.coupling),
     )
     known = rig.model_copy(update={"effects": (*zeros, *others)})
-    return Cell(known, nominal, wrong, np.radians(np.array(POSTURE_DEG[dialect], dtype=float)))
+    limits = np.radians([axis.limits_deg for axis in axes])
+    return Cell(known, nominal, wrong, np.radians(np.array(POSTURE_DEG[dialect], dtype=float)), limits)
 
 
 def chain(arm: Constants, q: Array) -> tuple[Array, Array]:
@@ -133,7 +139,7 @@ def solved(arm: Constants, F: Array, q: Array) -> Array | None:
 
 @lru_cache
 def branches(dialect: str) -> Array:
-    """Return the ways (n, 6) rad in which the nominal arm stands with its flange where the middle has it."""
+    """Return the ways (n, 6) rad in which the nominal arm can stand with its flange where the middle has it."""
     here = cell(dialect)
     F, _ = chain(here.nominal, here.centre)
     rng = np.random.default_rng(0)
@@ -145,7 +151,7 @@ def branches(dialect: str) -> Array:
         q = (q + np.pi) % (2 * np.pi) - np.pi
         if all(np.abs((q - way + np.pi) % (2 * np.pi) - np.pi).max() > 0.1 for way in ways):
             ways.append(q)
-    return np.array(ways)
+    return np.array([way for way in ways if here.allows(way)])
 
 
 def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:

@@ -63,7 +63,9 @@ class Pen:
 
     def astray(self) -> Array:
         """Return joint angles (6,) rad in another posture."""
-        return branches(self.dialect)[self.whole(1, 7)] + np.radians(self.rng.uniform(-5, 5, 6))
+        ways = branches(self.dialect)
+        q = ways[self.whole(1, len(ways) - 1)] + np.radians(self.rng.uniform(-5, 5, 6))
+        return np.clip(q, self.here.limits[:, 0] + 0.02, self.here.limits[:, 1] - 0.02)
 
     def flange(self, q: Array) -> Array:
         """Return the nominal flange (4, 4)."""

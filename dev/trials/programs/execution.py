@@ -158,7 +158,7 @@ class Robot:
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
         q = solved(self.here.nominal, F, near)
-        if q is not None and np.abs(q - near).max() < 0.9 and (chosen is None or chosen(q)):
+        if q is not None and self.here.allows(q) and np.abs(q - near).max() < 0.9 and (chosen is None or chosen(q)):
             return q
         ways = [] if q is None else [q]
         for seed in branches(self.dialect):
@@ -166,7 +166,7 @@ class Robot:
             if other is not None:
                 ways.append(near + (other - near + np.pi) % (2 * np.pi) - np.pi)
                 ways.append(other)
-        ways = [way for way in ways if chosen is None or chosen(way)]
+        ways = [way for way in ways if self.here.allows(way) and (chosen is None or chosen(way))]
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
 
     def go_astray(self, name: str) -> None:
