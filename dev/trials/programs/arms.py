@@ -120,6 +120,18 @@ def chain(arm: Constants, q: Array) -> tuple[Array, Array]:
     return T, motions
 
 
+def links(arm: Constants, q: Array) -> list[Array]:
+    """Return the frames (4, 4) of the six links at q (6,) rad, the last of which is the flange."""
+    theta = arm.coupling @ q + arm.offset
+    T, frames = np.eye(4), []
+    for k in range(6):
+        c, s, ca, sa = np.cos(theta[k]), np.sin(theta[k]), np.cos(arm.alpha[k]), np.sin(arm.alpha[k])
+        rows = [[c, -s, 0.0, arm.a[k]], [s * ca, c * ca, -sa, -sa * arm.d[k]], [s * sa, c * sa, ca, ca * arm.d[k]]]
+        T = T @ np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+        frames.append(T)
+    return frames
+
+
 def solved(arm: Constants, F: Array, q: Array) -> Array | None:
     """Return joint angles (6,) rad near q for a flange F (4, 4), or None where Newton's steps do not end."""
     q = q.copy()

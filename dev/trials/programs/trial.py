@@ -19,13 +19,13 @@ import numpy as np
 from analysis.correction.corrected_program import correct_program
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.support import supports
-from dev.trials.programs import krl, rapid, urscript
+from dev.trials.programs import fanuc, krl, rapid, urscript
 from dev.trials.programs.arms import Array, cell
 from dev.trials.programs.drawing import Draft, stated
 from dev.trials.programs.execution import Ended, Place, Reached, Ways, World, every_way
 from rigs.errors import RigError
 
-MACHINES: Mapping[str, Any] = {"ur": urscript, "abb": rapid, "kuka": krl}
+MACHINES: Mapping[str, Any] = {"ur": urscript, "abb": rapid, "kuka": krl, "fanuc": fanuc}
 WORLDS, WAYS = 2, 20
 _NUMBER = re.compile(rb" *[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _SAME_RAD, _TURNED_RAD = 1e-7, 0.3
