@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,7 +19,7 @@ from dev.trials.programs.arms import Array, Cell, branches, chain, frame, solved
 
 Place = tuple[str, int]
 """A file and a line."""
-_STEPS, _DEPTH, _AGAIN = 600, 8, 2
+_STEPS, _DEPTH, _AGAIN, _MOST_KEPT = 600, 8, 2, 20_000
 
 
 class Ended(Exception):
@@ -113,7 +113,7 @@ class Reached:
 class Robot:
     """An arm as its controller drives it, and what it reached."""
 
-    _cache: dict[bytes, Array | None] = {}
+    _cache: ClassVar[dict[Any, Array | None]] = {}
 
     def __init__(self, dialect: str, here: Cell, world: World, ways: Ways) -> None:
         self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
@@ -146,15 +146,12 @@ class Robot:
 
     def solve(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None = None) -> Array | None:
         """Return joint angles (6,) rad for a flange F (4, 4), or None."""
-        key = F.tobytes() + near.tobytes() + (b"" if chosen is None else repr(chosen).encode())
-        if chosen is None and key in self._cache:
-            return self._cache[key]
-        q = self._solved(F, near, chosen)
-        if chosen is None:
-            if len(self._cache) > 20000:
+        key = (self.dialect, F.tobytes(), near.tobytes(), chosen)
+        if key not in self._cache:
+            if len(self._cache) > _MOST_KEPT:
                 self._cache.clear()
-            self._cache[key] = q
-        return q
+            self._cache[key] = self._solved(F, near, chosen)
+        return self._cache[key]
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
         q = solved(self.here.nominal, F, near)

@@ -19,20 +19,18 @@ import numpy as np
 from analysis.correction.corrected_program import correct_program
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.support import supports
-from dev.trials.programs import fanuc, krl, rapid, urscript
+from dev.trials.programs import fanuc, inform, krl, rapid, urscript
 from dev.trials.programs.arms import Array, cell
 from dev.trials.programs.drawing import Draft, stated
 from dev.trials.programs.execution import Ended, Place, Reached, Ways, World, every_way
 from rigs.errors import RigError
 
-MACHINES: Mapping[str, Any] = {"ur": urscript, "abb": rapid, "kuka": krl, "fanuc": fanuc}
+MACHINES: Mapping[str, Any] = {"ur": urscript, "abb": rapid, "kuka": krl, "fanuc": fanuc, "yaskawa": inform}
 WORLDS, WAYS = 2, 20
 _NUMBER = re.compile(rb" *[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _SAME_RAD, _TURNED_RAD = 1e-7, 0.3
 """Joint angles that differ by less are the same; a correction of this arm is far below 0.3 rad: beyond, it is another
 posture."""
-SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
-"""Pulses per degree of the Yaskawa's axes."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def correct(draft: Draft) -> Corrected:
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
-    scale = SCALE if draft.dialect == "yaskawa" else None
+    scale = inform.SCALE if draft.dialect == "yaskawa" else None
     with tempfile.TemporaryDirectory() as directory:
         for name, data in draft.files.items():
             (Path(directory) / name).write_bytes(data)
@@ -115,13 +113,13 @@ def reached(draft: Draft, files: Mapping[str, bytes], program: Any, world: World
 
 def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> Verdict:
     """Return what comes of a draft under a correction."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     verdict = Verdict(draft)
     try:
         verdict.corrected = corrected = correction(draft)
     except RigError as error:
         verdict.error = str(error)
-        verdict.seconds = time.perf_counter() - begin
+        verdict.seconds = time.process_time() - begin
         return verdict
     except Exception as error:  # noqa: BLE001 - a traceback is a fault of the program under test
         verdict.error = repr(error)
@@ -130,7 +128,7 @@ def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> V
     verdict.faults += _bytes(draft, corrected) + _touched(draft, corrected)
     if not any(fault.kind == "bytes" for fault in verdict.faults):
         _drive(draft, corrected, verdict)
-    verdict.seconds = time.perf_counter() - begin
+    verdict.seconds = time.process_time() - begin
     return verdict
 
 
