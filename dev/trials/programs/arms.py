@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from analysis.kinematics.arm import arm_of
+from analysis.kinematics.inverse import inverse
 from rigs.effects import Found, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from tests.support.independent_arm import Constants, Wrong, flange
@@ -151,19 +153,14 @@ def solved(arm: Constants, F: Array, q: Array) -> Array | None:
 
 @lru_cache
 def branches(dialect: str) -> Array:
-    """Return the ways (n, 6) rad in which the nominal arm can stand with its flange where the middle has it."""
+    """Return the ways (n, 6) rad in which the nominal arm can stand with its flange where the middle has it, the middle
+    first. The closed form of the product begins, the steps here end."""
     here = cell(dialect)
-    F, _ = chain(here.nominal, here.centre)
-    rng = np.random.default_rng(0)
-    ways = [here.centre]
-    while len(ways) < 8:
-        q = solved(here.nominal, F, here.centre + rng.uniform(-2.5, 2.5, 6))
-        if q is None:
-            continue
-        q = (q + np.pi) % (2 * np.pi) - np.pi
-        if all(np.abs((q - way + np.pi) % (2 * np.pi) - np.pi).max() > 0.1 for way in ways):
-            ways.append(q)
-    return np.array([way for way in ways if here.allows(way)])
+    arm, (F, _) = arm_of(here.rig.robot), chain(here.nominal, here.centre)
+    given = inverse(arm, (arm.T_world_base @ F @ arm.T_flange_tool)[None])
+    ways = [solved(here.nominal, F, q) for q in given.q[0][given.found[0]]]
+    others = [q for q in ways if q is not None and here.allows(q) and np.abs(q - here.centre).max() > 0.1]
+    return np.array([here.centre, *others])
 
 
 def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:

@@ -134,7 +134,7 @@ class Writer:
             (0.6, lambda: self.again(scope)),
             (0.4, lambda: self.arc(scope)),
             (1.0, self.harmless),
-            (0.8, self.call),
+            (0.8, lambda: [*self.call(), *self.move(scope)]),
             (0.5, lambda: self.block(scope)),
         ]
         wild = [

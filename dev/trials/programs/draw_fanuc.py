@@ -116,7 +116,7 @@ class Writer:
             (0.4, lambda: self.again(text, scope)),
             (0.4, lambda: self.arc(text, scope)),
             (1.0, self.harmless),
-            (0.8, self.call),
+            (0.8, lambda: [*self.call(), *self.move(text, scope)]),
             (0.5, lambda: self.block(text, scope)),
         ]
         wild = [

@@ -107,7 +107,7 @@ class Writer:
             (1.0, lambda: self.joint(self.pen.near())),
             (0.5, lambda: self.arc(scope)),
             (1.0, self.harmless),
-            (0.8, self.call),
+            (0.8, lambda: [*self.call(), *self.move(scope)]),
             (0.5, lambda: self.block(scope)),
         ]
         wild = [

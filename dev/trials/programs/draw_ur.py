@@ -116,7 +116,7 @@ class Writer:
             (1.0, lambda: self.named(scope)),
             (0.4, lambda: self.arc(scope)),
             (1.0, self.harmless),
-            (0.8, lambda: self.call(scope)),
+            (0.8, lambda: [*self.call(scope), *self.move(scope)]),
             (0.5, lambda: self.block(scope)),
         ]
         wild = [

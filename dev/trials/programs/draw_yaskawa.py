@@ -129,7 +129,7 @@ class Writer:
             (3.0, lambda: self.move(job, self.pen.near())),
             (0.4, lambda: self.arc(job)),
             (1.0, self.harmless),
-            (0.8, self.call),
+            (0.8, lambda: [*self.call(), *self.move(job, self.pen.near())]),
             (0.5, lambda: self.block(job, scope)),
         ]
         wild = [
