@@ -28,6 +28,7 @@ from rigs.rig import Rig
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
+_ARROW = {"arrowstyle": "-|>", "lw": 2.0, "color": "black"}
 _MAGNIFIED = 100
 """Deviations from a sphere of 400 mm are drawn so much larger, as millimetres cannot be seen on it."""
 
@@ -270,7 +271,7 @@ def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: flo
     for ring in (30, 60, 90):
         axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#dddddd", lw=0.6, zorder=0)
     tip = 112 * float(np.cos(np.radians(pulled_deg))), 112 * float(np.sin(np.radians(pulled_deg)))
-    axes.annotate("", tip, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 2.0, "color": "black"})
+    axes.annotate("", tip, (0.0, 0.0), arrowprops=_ARROW)
     axes.set_xlim(-120, 120)
     axes.set_ylim(-120, 120)
     axes.set_aspect("equal")

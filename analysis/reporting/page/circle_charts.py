@@ -67,7 +67,8 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
             at = [one.phi_deg for one in group[0].reversals if one.joint == axis + 1]
             squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
     if squares:
-        lines.append(Line(texts("turns_back"), "model", *np.array(squares).T, points=True))
+        phi, angle_deg = np.array(squares).T
+        lines.append(Line(texts("turns_back"), "model", phi, angle_deg, points=True))
     caption = texts("caption_joints")
     return Chart(
         texts("chart_joints"),
