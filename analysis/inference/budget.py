@@ -12,13 +12,14 @@ from analysis.inference.background import Posterior
 from analysis.inference.candidates import Form
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
-from analysis.inference.result import BudgetPart, Gap, Named, Rank, Share
+from analysis.inference.result import BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.inference.search import SearchResult
-from analysis.inference.state import FAULT
+from analysis.inference.setups import BALL_PRIOR_MM
+from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
-from rigs.schema.effect import PartKind, healthy, label_of, size_field
+from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The budget: every part of the gap between model and readings, so that the shares add up to one.
@@ -27,11 +28,14 @@ from rigs.schema.effect import PartKind, healthy, label_of, size_field
 # absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
 # goes to each. Every test counts by its readings, as in the gap.
 
-CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
-"""
+LARGE_SHARE = 1 / 3
+"""Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
+be."""
+_MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+_NO_FREEDOM = 1e-14
+"""Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
 
@@ -45,7 +49,8 @@ def group_of(effect: Effect) -> tuple[PartKind, int | None]:
 @dataclass(frozen=True)
 class Measure:
     """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
-    set-ups absorb."""
+    set-ups absorb: as much as in the gap, where the readings alone do not decide how high above its circle a ball is.
+    """
 
     linear: Linearisation
 
@@ -65,14 +70,23 @@ class Measure:
         return self.linear.at_entries(parts)
 
     @cached_property
-    def _basis(self) -> Array:
-        """An orthonormal basis (N, s) of what set-ups absorb where every reading counts alike, as in the gap."""
-        return basis_of(self._root[:, None] * self.linear.U)
+    def _absorbs(self) -> tuple[Array, Array]:
+        """What set-ups are free to do (N, s), and what takes the moves (s,) from weighted changes (N,): the balls of
+        circles and hemispheres as far as the fit of a gap lets them go, everything else as it fits best."""
+        U = self._root[:, None] * self.linear.U
+        whole = self._root * self.linear.residual(())
+        kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
+        held = np.zeros(U.shape[1])
+        for one, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
+            if not isinstance(one.one.table, PlaceTable):
+                held[self.linear.terms[one.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+        return U, np.linalg.pinv(U.T @ U + np.diag(held), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
-        kept: Array = weighted - self._basis @ (self._basis.T @ weighted)
+        U, moves = self._absorbs
+        kept: Array = weighted - U @ (moves @ weighted)
         return kept
 
     def um(self, changes: Array) -> float:
@@ -107,15 +121,15 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, beside] @ known[beside]
         columns, um = measure.of(T[:, own]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(own, own)] * columns), 0.0)))
-        usual = measure.um(result.linear.columns([_usual(effect)])[:, 0])
+        usual = measure.um(result.linear.columns([_usual(effect, effect.usual_times(result.built))])[:, 0])
         found.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return found
 
 
-def _usual(effect: Effect) -> Effect:
-    """Return the effect as a healthy arm shows it."""
+def _usual(effect: Effect, times: float) -> Effect:
+    """Return the effect as an arm without a fault shows it, so many times its healthy size."""
     expected = {one.field: one.expected for one in effect.FREE}
-    return healthy(effect).model_copy(update=expected)
+    return scaled(healthy(effect), times, **expected)
 
 
 def budget_of(
@@ -194,12 +208,41 @@ class _Budget:
             vector = moved @ posterior.mean[own]
             gram = moved.T @ moved
             u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(own)), 0.0)))
-            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own])))
+            times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
+            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own] * times**2)))
             um = float(np.linalg.norm(vector))
-            times = um / usual_um if usual_um > 0 else 0.0
-            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if times > FAULT else "usual"
-            found.append(BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank))
+            ratio = um / usual_um if usual_um > 0 else 0.0
+            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
+            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
+            found.append(replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part)
         return found
+
+    def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
+        """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
+        far larger than the rest, beside the odds that none is."""
+        result = self.result
+        gain = result.posterior.gains(forms, result.state.level)[0]
+        best: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist():
+            if np.isfinite(gain[k]):
+                best.setdefault(forms[k].name, k)
+        if not best:
+            return ()
+        evidence = np.array([0.0, *(gain[k] for k in best.values())])
+        odds = np.exp(evidence - evidence.max())
+        odds /= odds.sum()
+        kept = [forms[k] for k in best.values()]
+        found = [
+            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(one))
+            for form, one in zip(kept, odds[1:], strict=True)
+        ]
+        return tuple(sorted(found, key=lambda one: -one.odds)[:_MOST_MEMBERS])
+
+    def _um_of(self, form: Form) -> float:
+        """Return what a form does in µm, at the size that it has among the small terms."""
+        own = list(form.columns)
+        columns = self.result.selection.columns.X[:, own]
+        return self.measure.um(columns @ self.result.posterior.mean[own])
 
     def _unexplained(self) -> BudgetPart:
         """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""

@@ -11,7 +11,8 @@ import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.observation import by_socket, outside_effect_coverage, residuals_of
-from analysis.inference.setups import fit_setups, observe_runs, split_by_frame
+from analysis.inference.placements import observe_runs, split_by_frame, split_by_target
+from analysis.inference.setups import fit_setups
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
@@ -142,6 +143,8 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     runs = [run for run, _ in pieces]
     names = [run.run.manifest.name for run in runs]
     observations, doubts = split_by_frame(model, [one for _, one in pieces], names)
+    observations, of_targets = split_by_target(model, observations, names)
+    doubts += of_targets
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     placed = fit_setups([(model, one) for one in observations])

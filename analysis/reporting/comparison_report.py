@@ -78,14 +78,14 @@ def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
 def save_pictures(found: Compared, directory: Path) -> list[Path]:
     """Measured over simulated and their difference, a picture for each run, and one of where all of them disagree and
     how the gap shrinks. Raises FileError."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
     named = distinctly_named([one.result for one in found.runs])
     pictures = zip(named, found.runs, strict=True)
     files: dict[str, Writer] = {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures}
     if found.disagreement is not None:
         files["where.png"] = partial(_save_where, found.disagreement)
-    return write_all_over(directory, files)
+    return write_views(directory, files)
 
 
 def _save_where(found: Disagreement, file: BinaryIO) -> None:

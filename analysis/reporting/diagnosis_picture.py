@@ -9,6 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Diagnosis
+from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_curves import draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map, drawn_maps
@@ -79,8 +80,8 @@ def _not_shown(quiet: int) -> list[str]:
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    answer = AnswerWords(found)
-    lines = [f"{answer.accuracy} {answer.judged}", f"Next: {answer.next_step}"]
+    answer, acts = AnswerWords(found), ActWords(found)
+    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
     lines += [f"and {more} more groups"] * (more > 0)

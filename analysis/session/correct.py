@@ -186,7 +186,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Progr
     angles = angles + ahead
     poses = forward(arm_of(moved.robot), angles)
     plans = compensated([one.plan for one in programs], angles, poses, range(1, len(q) + 1), where)
-    return [replace(one, plan=plan) for one, plan in zip(programs, plans, strict=True)]
+    return [replace(one, plan=plan, corrected="targets") for one, plan in zip(programs, plans, strict=True)]
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:

@@ -106,13 +106,15 @@ class PathError(Part):
 
 
 class Answer(Part):
-    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; condition and
-    standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
-    rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
-    one run, root mean square."""
+    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
+    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
+    accuracy, next_step: its sentences; next_test: the test that would separate rivals or name a group; runs_to_decide:
+    how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
+    square."""
 
     runs: int
     judges: int = 0
+    joined: int = 0
     condition: str
     standing: str | None
     headline: str
@@ -122,6 +124,8 @@ class Answer(Part):
     remedies: tuple[str, ...] = ()
     """What a person does about each fault."""
     next_test: str = ""
+    ground: str = ""
+    """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
     runs_to_decide: int | None = None
     now_um: float
     calibrated_um: float
@@ -183,6 +187,10 @@ class Session(Part):
     answer: Answer | None = None
     answered: str = ""
     """Why no more is measured to find errors; empty while something is."""
+    judged: Answer | None = None
+    """What was found without the place that judges, with its judgement; those runs join the last answer."""
+    decided: int = 0
+    """Runs of the last answer after which nothing more is measured."""
     correction: Correction | None = None
     verified: Verified | None = None
     report: str = ""
@@ -207,6 +215,11 @@ class Session(Part):
     def with_step(self, number: int, step: Step) -> Session:
         """Return the session with another state of a step, counted from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
+
+    def is_last(self, answer: Answer) -> bool:
+        """Whether an answer is of all runs before the correction, those that only judged among them."""
+        judges = len(self.runs_for("judge"))
+        return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""

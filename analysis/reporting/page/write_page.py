@@ -20,6 +20,7 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.inference.state import FAULT
+from analysis.reporting.act_words import acts_in_words
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
@@ -67,6 +68,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict_sentence=verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts) if report.found else None,
+        acts=acts_in_words(report.found, texts) if report.found else [],
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
         steps=step_table(report.found, texts) if report.found else None,
