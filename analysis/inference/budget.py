@@ -91,6 +91,12 @@ class Measure:
         kept: Array = weighted - U @ (moves @ weighted)
         return kept
 
+    def without_set_up(self, changes: Array) -> Array:
+        """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
+        _, moves = self._absorbs
+        kept: Array = changes - self.linear.U @ (moves @ (self._root * changes))
+        return kept
+
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""
         return float(np.linalg.norm(self.of(changes)))

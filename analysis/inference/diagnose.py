@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.inference.act_list import JudgedPlace, acts_of
 from analysis.inference.blocks import Block
-from analysis.inference.budget import EffectChange, budget_of, effect_changes
+from analysis.inference.budget import EffectChange, Measure, budget_of, effect_changes
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
@@ -243,7 +243,8 @@ def _diagnosis_of(
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
-    after = linear.in_mm(result.residual)
+    measure = Measure(linear)
+    drawn = [linear.in_mm(measure.without_set_up(linear.residual(one))) for one in ((), result.state.refined.effects)]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
         condition=condition,
@@ -266,8 +267,8 @@ def _diagnosis_of(
         repeated=all(block.measured for block in linear.blocks),
         level=result.state.level,
         doubts=(),
-        curves=curves_of(linear.blocks, before, after),
-        maps=maps_of(linear.blocks, before, after),
+        curves=curves_of(linear.blocks, *drawn),
+        maps=maps_of(linear.blocks, *drawn),
         seconds=0.0,
     )
 

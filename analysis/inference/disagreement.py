@@ -66,12 +66,13 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     groups = _groups(rig, linear)
     models = [tuple(one for _, group in groups[:k] for one in group) for k in range(len(groups) + 1)]
     curves, maps = drawn(linear, models)
-    before, after = (linear.in_mm(linear.without_set_up(linear.residual(one))) for one in (models[0], models[-1]))
+    measure, ends = Measure(linear), [linear.residual(one) for one in (models[0], models[-1])]
+    before, after = (linear.in_mm(measure.without_set_up(one)) for one in ends)
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
     staircase = Staircase(_steps(groups, models, (runs, elsewhere), floor_um), curves, maps) if groups else None
     return Disagreement(
         rig,
-        places(linear.blocks, after),
+        places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
         curves_of(linear.blocks, before, after),
         maps_of(linear.blocks, before, after),
         staircase,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.inference.background import background_terms
-from analysis.inference.budget import group_of
+from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
@@ -124,10 +124,10 @@ def _thinned(run: ObservedRun) -> ObservedRun:
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return what models with these effects leave of each circle (steps, n, 2) and at targets (steps, n) in µm, with
-    the set-ups fitted, as it is drawn."""
-    curves, maps = [], []
+    the set-ups as free as in the gap."""
+    measure, curves, maps = Measure(linear), [], []
     for effects in models:
-        left = linear.in_mm(linear.without_set_up(linear.residual(effects)))
+        left = linear.in_mm(measure.without_set_up(linear.residual(effects)))
         curves.append([one.after_um for one in curves_of(linear.blocks, left, left)])
         maps.append([one.after_um for one in maps_of(linear.blocks, left, left)])
     return tuple(map(np.array, zip(*curves, strict=True))), tuple(map(np.array, zip(*maps, strict=True)))

@@ -18,7 +18,7 @@ from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 
 from analysis.kinematics.arm import Array
-from analysis.reporting.page.chart import LOOKS, Chart, Line, Picture, SphereChart
+from analysis.reporting.page.chart import LOOKS, Chart, Frame, Line, Picture, SphereChart
 from analysis.reporting.sheet import Sheet
 
 _GREY, _RULE, _SHADE = "#6b6b6b", "#dddddd", "#f2c14e"
@@ -27,6 +27,8 @@ _SYMBOLS = {"circle": "o", "square": "s", "diamond": "D"}
 _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
+_HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
+"""Chosen: three straight pictures and a pair around the circle fit on a page of A4."""
 _MOST_NODES = 360
 """Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
@@ -69,7 +71,7 @@ def _chart(chart: Chart) -> Sheet:
         return _polar(chart)
     if chart.panels:
         return _panels(chart)
-    sheet = Sheet(6.9, 4.2 if chart.frame == "plane" else 2.5)
+    sheet = Sheet(6.9, _HEIGHTS_INCH[chart.frame])
     axes: Axes = sheet.subplots()
     _lay_out(axes, chart)
     _legend(sheet, chart)
@@ -157,7 +159,7 @@ def _draw_dots(axes: Axes, line: Line) -> None:
 
 
 def _polar(chart: Chart) -> Sheet:
-    sheet = Sheet(3.4, 3.6)
+    sheet = Sheet(3.4, _HEIGHTS_INCH["polar"])
     axes = sheet.add_subplot(projection="polar")
     assert isinstance(axes, PolarAxes)  # noqa: S101 - for the type checker
     hole, circle = chart.hole, np.linspace(0.0, 2 * np.pi, 181)
