@@ -497,7 +497,8 @@ class Guide:
         """Make the correction and its files; return the programs that it changes."""
         directory = self._place.directory / CORRECTIONS
         main = self.session.stages[0].name
-        runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        here = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        runs = here, [self._run(step) for step in self.session.runs_for("judge")]
         made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
         self._known = {}
         self._made = made.correction
