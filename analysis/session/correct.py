@@ -117,7 +117,7 @@ def corrected(
     after_um = entries.after_um if way == "entries" else work.after_um
     expected = {
         "same": _expected(model, known, here, float(np.hypot(_left_um(here, rig, by), beside_um))),
-        "elsewhere": _expected(model, known, there, float(np.hypot(_left_um(there, rig, by), beside_um)))
+        "elsewhere": _expected(model, known, there, float(np.hypot(_left_um(there, there[0].rig, by), beside_um)))
         if there
         else None,
         "work": Work(before_um=round(work.before_um, 1), after_um=round(after_um, 1), u_um=round(work.u_um, 1)),

@@ -329,7 +329,7 @@ class Guide:
         if of is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        self._keep_try(of, Try(run=run.name, why=run.why))
+        self._keep_try(of, Try(run=run.name, why=run.why, held_up=run.held_up))
         if run.why:
             self._hold_tries(of)
         else:
@@ -343,8 +343,13 @@ class Guide:
         """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
-            what = f"was driven {MOST_TRIES} times in vain, the last time: {step.tries[-1].why}"
-            raise CellError(step.program, what, "look at the cell (rig doctor); the same command goes on here")
+            vain = f"after {MOST_TRIES} failed attempts at {step.program}"
+            if held_up := sum(one.held_up for one in step.tries[-MOST_TRIES:]):
+                what = f"stood still {held_up} times, so that readings are missing ({vain}: {step.tries[-1].why})"
+                remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
+                raise CellError("this computer", what, remedy)
+            remedy = "look at the cell (rig doctor); the same command goes on here"
+            raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
 
     # ------------------------------------------------------------------------------------------------------------------
     # Understanding.

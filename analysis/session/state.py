@@ -50,10 +50,12 @@ class Stage(Part):
 
 
 class Try(Part):
-    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable."""
+    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable; held_up: how often the
+    computer stood still meanwhile."""
 
     run: str
     why: str = ""
+    held_up: int = 0
 
 
 class Step(Part):
@@ -243,6 +245,8 @@ class Session(Part):
 
     def is_last(self, answer: Answer) -> bool:
         """Whether an answer is of all runs before the correction, those that only judged among them."""
+        if any(step.purpose == "judge" and step.is_open for step in self.steps):
+            return False
         judges = len(self.runs_for("judge"))
         return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
 
