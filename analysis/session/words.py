@@ -141,7 +141,9 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
                 f" {answer.runs} runs"
             )
     if correction:
-        yield from correction_lines(correction, session.verified)
+        first, *rest = correction_lines(correction, session.verified)
+        yield f"corrected: {first}"
+        yield from rest
     if answer and answer.next_step:
         yield f"{'for the cause' if is_corrected(session) else 'next'}: {answer.next_step}"
         yield from (f"  then: {remedy}" for remedy in answer.remedies)
@@ -169,7 +171,7 @@ def correction_lines(correction: Correction, verified: Verified | None) -> Itera
         ),
     )
     is_driven = any(after for _, _, after, _ in sides)
-    yield f"corrected: {_DRIVEN[correction.way]}" if is_driven else f"corrected: {correction.sentence}"
+    yield _DRIVEN[correction.way] if is_driven else correction.sentence
     for where, before, after, expected in sides:
         if before and after:
             by = f" (expected {expected.um:.1f} ± {expected.u_um:.1f})" if expected else ""
@@ -185,9 +187,9 @@ def correction_lines(correction: Correction, verified: Verified | None) -> Itera
 
 
 _DRIVEN: dict[Way, str] = {
-    "programs": "the corrected programs were loaded and driven",
-    "entries": "the values were entered at the controller, and the programs driven with them",
-    "none": "nothing",
+    "programs": "The corrected programs were loaded and driven.",
+    "entries": "The values were entered at the controller, and the programs driven with them.",
+    "none": "Nothing was corrected.",
 }
 
 

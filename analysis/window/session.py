@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from analysis.session.guide import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import PathError, Session
+from analysis.session.state import Expected, PathError, Session
+from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
 
@@ -27,24 +28,25 @@ def summary(session: Session) -> dict[str, Any]:
             for step in session.steps
         ],
         "headline": answer.headline if answer else "",
-        "accuracy": answer.accuracy if answer else "",
+        "accuracy": (session.judged or answer).accuracy if answer else "",
         "runs": answer.runs if answer else 0,
         "parts": [
             {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}
             for one in (answer.parts if answer else ())
         ],
-        "remedies": list(answer.remedies) if answer else [],
-        "correction": correction.sentence if correction else "",
+        "remedies": [answer.next_step, *answer.remedies] if answer and answer.next_step else [],
+        "correction": next(correction_lines(correction, verified)) if correction else "",
         "before_after": [
-            {"where": where, "before": _error(before), "after": _error(after)}
-            for where, before, after in (
-                ("same", verified.same_before, verified.same_after),
-                ("elsewhere", verified.elsewhere_before, verified.elsewhere_after),
+            {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
+            for where, before, after, expected in (
+                ("same", verified.same_before, verified.same_after, correction and correction.same),
+                ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction and correction.elsewhere),
             )
             if before
         ]
         if verified
         else [],
+        "work": correction.work.model_dump() if correction and correction.work else None,
         "report": session.report,
     }
 
@@ -68,6 +70,10 @@ def _next(session: Session) -> dict[str, Any]:
         case Done():
             return {"key": "done"}
     return {"key": _BUSY[type(following)]}
+
+
+def _expected(expected: Expected | None) -> dict[str, float] | None:
+    return {"um": expected.um, "u_um": expected.u_um} if expected else None
 
 
 def _error(error: PathError | None) -> dict[str, float] | None:

@@ -53,7 +53,7 @@ def test_a_session_drives_finds_corrects_and_drives_again(place: Path, tmp_path:
     found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
     assert oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
     assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
-    assert any("at a place not used" in line for line in screen.lines)
+    assert any("at the other place" in line for line in screen.lines)
 
 
 @pytest.mark.cpu_limit(150)
