@@ -150,6 +150,9 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     programs = sum(len(step.tries) for step in session.steps)
     yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
     yield f"report: {directory / session.report}"
+    if answer:
+        rig_file = as_argument(Path(session.rig_file))
+        yield f"what further tests would show in this arm: rig plan {rig_file} --level {max(answer.level, 0.01):.2g}"
     if command := own_programs(session, directory):
         yield f"the arm itself is unchanged; your own programs: {command}"
 

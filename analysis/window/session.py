@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from analysis.session.guide import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import Expected, PathError, Session
+from analysis.session.state import Correction, Expected, PathError, Session, Verified
 from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
@@ -36,16 +37,7 @@ def summary(session: Session) -> dict[str, Any]:
         ],
         "remedies": [answer.next_step, *answer.remedies] if answer and answer.next_step else [],
         "correction": next(correction_lines(correction, verified)) if correction else "",
-        "before_after": [
-            {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
-            for where, before, after, expected in (
-                ("same", verified.same_before, verified.same_after, correction and correction.same),
-                ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction and correction.elsewhere),
-            )
-            if before
-        ]
-        if verified
-        else [],
+        "before_after": [*_before_after(verified, correction)] if verified else [],
         "work": correction.work.model_dump() if correction and correction.work else None,
         "report": session.report,
     }
@@ -70,6 +62,17 @@ def _next(session: Session) -> dict[str, Any]:
         case Done():
             return {"key": "done"}
     return {"key": _BUSY[type(following)]}
+
+
+def _before_after(verified: Verified, correction: Correction | None) -> Iterator[dict[str, Any]]:
+    """Yield the error before and after, and what was expected, at each place that was driven."""
+    same, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
+    for where, before, after, expected in (
+        ("same", verified.same_before, verified.same_after, same),
+        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere),
+    ):
+        if before:
+            yield {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
 
 
 def _expected(expected: Expected | None) -> dict[str, float] | None:
