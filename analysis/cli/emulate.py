@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import RigArgument
+from analysis.cli.options import RigArgument, maker_option
 from rigs.schema.vocabulary import Maker
+
+if TYPE_CHECKING:
+    from daq.service.instance_lock import InstanceLock
 
 MARKS = "out-of-step.txt"
 """A file beside the rig file of a replayed cell."""
@@ -38,10 +41,8 @@ def emulate(
     ] = None,
     maker: Annotated[
         Maker | None,
-        typer.Option(
-            "--for",
-            help="Maker of the controller that drives --programs; default: that of the robot feedback in the rig file, "
-            "else that of the first program.",
+        maker_option(
+            "Maker of the controller that drives --programs", "that of the robot feedback, else of the first program"
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
@@ -78,6 +79,7 @@ def emulate(
     with named_by(rig_file, rig):
         robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
+    lock = locked_cell(directory)
     write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
@@ -94,9 +96,23 @@ def emulate(
         exit_code = ends.get()
     finally:
         sent = cell.stop()
+        lock.release()
     for name, count in sent.items():
         say(f"{name}: {count} sent")
     raise typer.Exit(exit_code)
+
+
+def locked_cell(directory: Path) -> InstanceLock:
+    """Make the directory of an emulated or replayed cell, and lock it. Raises FileError where it cannot be made, and
+    CellError where another cell is served in it."""
+    from daq.service.instance_lock import InstanceLock  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    return InstanceLock.take_cell(directory)
 
 
 def rig_file_of_cell(directory: Path) -> Path:

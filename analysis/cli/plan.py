@@ -12,7 +12,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, RigArgument
+from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.schema.vocabulary import Maker, TestName, maker_of
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def plan(
     ] = None,
     maker: Annotated[
         Maker | None,
-        typer.Option("--for", help="With --poses: maker of the controller whose program is written; default: none."),
+        maker_option("With --poses: maker of the controller whose program is written", "none"),
     ] = None,
     tracker: Annotated[
         str | None,

@@ -15,7 +15,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, RigArgument, operator_or_user
+from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
 from rigs.schema.vocabulary import Maker, maker_of
 from rigs.text import plain
 
@@ -38,9 +38,7 @@ def session(
             "lasts; check: the circle alone, and no correction."
         ),
     ] = "faults",
-    maker: Annotated[
-        Maker | None, typer.Option("--for", help="Maker of the controller; default: that of the robot feedback.")
-    ] = None,
+    maker: Annotated[Maker | None, maker_option("Maker of the controller", "that of the robot feedback")] = None,
     directory: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),

@@ -70,6 +70,13 @@ class CalibratedUncertainty:
         return np.concatenate(parts)
 
     @property
+    def unexplained_mm(self) -> float:
+        """What the model does not explain of the tool's place where a diagnosis judged it, root mean square: as much in
+        each of three coordinates."""
+        judged = self.calibrated.judged
+        return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
+
+    @property
     def joints_rad(self) -> Array:
         """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
         joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm

@@ -25,8 +25,10 @@ _ROLE_WORDS: dict[Role, str] = {
 }
 _INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
 _INSTRUMENT = frozenset(_INSTRUMENTS.split())
-_CONTROLLER = frozenset(["tcp", "tool", "ee", "eef", "flange", "robot", "cartesian", "controller", "fk"])
-"""Words of a pose that the robot says of itself, unless an instrument is named beside them."""
+_OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
+_CONTROLLER = frozenset(_OF_ROBOTS.split())
+"""Words of a pose that the robot says of itself, unless an instrument is named beside them: of columns, of topics, and
+of the children of transforms."""
 _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
 _UNITS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
@@ -97,6 +99,12 @@ class _Name:
     def role(self) -> Role:
         """What the words say of it."""
         return next((role for role, known in _ROLES.items() if known & set(self.words)), "unsaid")
+
+
+def is_of_controller(name: str) -> bool:
+    """Return whether a name, as of a topic or the child of a transform, sounds like what a robot says of itself."""
+    words = set(_name(name, "").words)
+    return bool(words & _CONTROLLER) and not words & _INSTRUMENT
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.files.column_groups import Group, Groups, Seen, groups_of
+from analysis.conventions.source import OF_CONTROLLER
+from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
 from analysis.files.mapped import MappedPoses, poses_of
 from analysis.files.raw_table import RawTable
@@ -257,10 +258,12 @@ def _placed(
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
     rivals = [one for one in others if one[0].share < CLEARLY * least]
     _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
-    if chosen.place.of_controller:
-        by_robot = Reading(None, np.nan, "mm", "the robot computed it, so nothing was measured: import nothing")
+    named = next((one.topic for one in judge.layouts if is_of_controller(one.topic)), "")
+    if chosen.place.of_controller or named:
+        words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
+        by_robot = Reading(None, np.nan, "mm", words)
         measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
-        asks = f"{_short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
+        asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
     elif residual is None and best.left < _COMPUTED_MM and _postures(judge, best.value) > _FEW_POSTURES:
         judge.assumed.append(

@@ -15,7 +15,6 @@ from analysis.history.history_file import escaped
 from analysis.history.records import Record
 from daq.store import durable
 from rigs.errors import FileError
-from rigs.files import read_from
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,18 +50,6 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         if isinstance(error, OSError):
             raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
         raise
-
-
-def refuse_foreign(path: Path) -> None:
-    """Raise FileError for a file that is there and is no Parquet file."""
-    try:
-        begin, _ = read_from(path, 0, len(_PARQUET))
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
-    if begin != _PARQUET:
-        raise FileError(str(path), "exists already, and is no Parquet file", "give another --parquet, or remove it")
 
 
 def _schema() -> pa.Schema:

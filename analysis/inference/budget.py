@@ -19,7 +19,7 @@ from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
-from rigs.schema.effect import PartKind, healthy, label_of, size_field
+from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The budget: every part of the gap between model and readings, so that the shares add up to one.
@@ -38,6 +38,12 @@ _NO_FREEDOM = 1e-14
 """Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
+
+
+def group_of(effect: Effect) -> tuple[PartKind, int | None]:
+    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
+    joint where each joint has one."""
+    return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
 
 
 @dataclass(frozen=True)
@@ -115,15 +121,15 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, beside] @ known[beside]
         columns, um = measure.of(T[:, own]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(own, own)] * columns), 0.0)))
-        usual = measure.um(result.linear.columns([_usual(effect)])[:, 0])
+        usual = measure.um(result.linear.columns([_usual(effect, effect.usual_times(result.built))])[:, 0])
         found.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return found
 
 
-def _usual(effect: Effect) -> Effect:
-    """Return the effect as a healthy arm shows it."""
+def _usual(effect: Effect, times: float) -> Effect:
+    """Return the effect as an arm without a fault shows it, so many times its healthy size."""
     expected = {one.field: one.expected for one in effect.FREE}
-    return healthy(effect).model_copy(update=expected)
+    return scaled(healthy(effect), times, **expected)
 
 
 def budget_of(
@@ -194,9 +200,7 @@ class _Budget:
         posterior, columns = self.result.posterior, self.result.selection.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            effect = form.effects[0]
-            axis = getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
-            groups.setdefault((effect.part, axis), []).append(form)
+            groups.setdefault(group_of(form.effects[0]), []).append(form)
         found = []
         for (kind, axis), forms in groups.items():
             own = np.array([column for form in forms for column in form.columns])
@@ -204,11 +208,12 @@ class _Budget:
             vector = moved @ posterior.mean[own]
             gram = moved.T @ moved
             u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(own)), 0.0)))
-            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own])))
+            times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
+            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own] * times**2)))
             um = float(np.linalg.norm(vector))
-            times = um / usual_um if usual_um > 0 else 0.0
-            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if times > FAULT else "usual"
-            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank)
+            ratio = um / usual_um if usual_um > 0 else 0.0
+            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
+            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             found.append(replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part)
         return found
 

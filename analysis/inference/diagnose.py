@@ -25,6 +25,7 @@ from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.stepwise import staircase_of
 from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, left_um, stages_of, widening
 from analysis.inference.verdict import (
     Gaps,
@@ -191,6 +192,7 @@ def diagnose(
     said = judged_of(found, whole, gaps)
     calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, said)
     found = replace(found, calibrated=calibrated)
+    found = replace(found, staircase=staircase_of(found, result, stages, sound, judges, elsewhere))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":

@@ -19,7 +19,8 @@ from analysis.inference.observation import (
     residuals_of,
     with_placement,
 )
-from analysis.inference.setups import fit_run_setups, part, split_by_frame, with_effects, with_enough_readings
+from analysis.inference.placements import split_by_frame, split_by_target, with_enough_readings
+from analysis.inference.setups import fit_run_setups, part, with_effects
 from analysis.kinematics.arm import Array, Mask
 from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
@@ -157,7 +158,8 @@ def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
         for k, one in zip(places, own, strict=True):
             found[k] = replace(seen[k], one=one)
         doubts += words
-    return found, doubts
+    apart, words = split_by_target(seen[0].model, [run.one for run in found], names) if found else ([], [])
+    return [replace(run, one=one) for run, one in zip(found, apart, strict=True)], [*doubts, *words]
 
 
 def _differing(one: Rig, other: Rig) -> str:

@@ -236,15 +236,12 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
 def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
     """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
 
-    What is certain and larger than usual is never too small to say; what only this quiet arm shows little of otherwise
-    must move the readings by more than one run scatters.
+    What is certain and larger than arms of its build show is never too small to say.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.refined.effects[k]
-    moves = worth(result.linear, result.contributions[k]).is_material(result.scatter_limits_um)
     reasons: tuple[tuple[bool, Doubt], ...] = (
-        (not state.is_fault(k), "usual"),
-        (not moves and abs(size_of(effect)) < FAULT, "usual"),
+        (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),

@@ -19,6 +19,7 @@ import numpy as np
 
 from analysis.geometry.sockets import socket_design
 from analysis.kinematics.arm import Array, Integers, forward
+from analysis.kinematics.turns import impossible_rad
 from analysis.measures.checks import hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
@@ -98,7 +99,7 @@ def _hold(table: TouchTable, where: str) -> None:
         raise FileError(where, what, f"give at least {max(_FEWEST, sockets + 2)}, in postures that differ")
     if np.ptp(table.q, axis=0).max() < 1e-6:
         raise FileError(where, "the robot stood still in all rows", "touch each socket in many postures")
-    if (most := np.abs(table.q).max()) > 4 * np.pi:
+    if most := impossible_rad(table.q):
         angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")
 

@@ -34,7 +34,7 @@ _MAGNIFIED = 100
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
     """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
     be written."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
     simulated = figures_of(rig, rig_text)
 
@@ -45,7 +45,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
         figure.savefig(file, format="png", dpi=150)
 
     names = {number: f"figure-{number:02d}-{name}.png" for number, (name, *_) in _FIGURES.items()}
-    return write_all_over(directory, {name: partial(save_figure, number) for number, name in names.items()})
+    return write_views(directory, {name: partial(save_figure, number) for number, name in names.items()})
 
 
 def _beside(rows: Sequence[Row], number: int) -> list[Row]:

@@ -329,7 +329,7 @@ class _Pages:
     def _history_of(self, robot: str) -> Wanted:
         runs = tuple(one.path for one in self._window.shelf.runs()[0] if one.about["rig"] == robot)
         directory = str(self._window.shelf.directory.resolve())
-        words = ("history", robot, "--data", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
         return Wanted("analysis.cli", words, runs)
 
     def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:

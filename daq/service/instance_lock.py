@@ -72,7 +72,15 @@ class InstanceLock:
         return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
 
     @classmethod
-    def _held(cls, path: Path, flags: int, refusal: str) -> InstanceLock:
+    def take_cell(cls, directory: Path) -> InstanceLock:
+        """Lock the directory of an emulated or replayed cell. Raises CellError if another serves in it."""
+        refusal = "another rig emulate or rig replay serves a cell in this directory"
+        return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or give another --output")
+
+    @classmethod
+    def _held(
+        cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
+    ) -> InstanceLock:
         """Lock a file. Where it cannot be opened, or its disk has no locks, there is none: what follows from that is
         reported by those who need the file."""
         try:
@@ -83,7 +91,7 @@ class InstanceLock:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(fd)
-            raise CellError(str(path), refusal, "stop that one, or talk to it with rig status") from None
+            raise CellError(str(path), refusal, remedy) from None
         except OSError:
             os.close(fd)
             return cls(-1)

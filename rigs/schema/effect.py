@@ -20,6 +20,7 @@ from pydantic import Field
 
 from rigs.schema.part import Part
 from rigs.schema.scene import S, Stage
+from rigs.schema.vocabulary import Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
@@ -219,6 +220,10 @@ class Effect(Part, ABC):
     def healthy(self) -> float:
         """What a healthy arm shows of it anyway, in the unit of its size."""
         return float(_extra(type(self), size_field(self))["healthy"])
+
+    def usual_times(self, build: Build) -> float:
+        """How many times the healthy size an arm of a build shows without a fault."""
+        return 1.0
 
     @property
     def seat(self) -> str:

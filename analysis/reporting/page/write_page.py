@@ -33,6 +33,7 @@ from analysis.reporting.page.model_charts import diagnosis_charts
 from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
+from analysis.reporting.page.step_table import step_table
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
@@ -70,6 +71,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         acts=acts_in_words(report.found, texts) if report.found else [],
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
+        steps=step_table(report.found, texts) if report.found else None,
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
         rule=rule(texts),
