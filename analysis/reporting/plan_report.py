@@ -61,8 +61,8 @@ def arm_in_words(level: float) -> str:
     """What a plan assumes of everything else that may be wrong with the arm, among which an effect has to show."""
     if level == 1:
         return (
-            "arm assumed: everything else is as wrong as such arms usually are; once a diagnosis has found the level of "
-            "this arm, --level says what shows in it (an emulated arm has none but its hidden effects)"
+            "arm assumed: everything else is as wrong as such arms usually are; --level is for an arm whose level a "
+            "diagnosis has found, and for an emulated one, which has no errors but its hidden effects"
         )
     return f"arm assumed: everything else is {level:g} times as wrong as such arms usually are"
 
