@@ -344,8 +344,8 @@ class Guide:
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
             vain = f"after {MOST_TRIES} failed attempts at {step.program}"
-            if held_up := sum(one.held_up for one in step.tries[-MOST_TRIES:]):
-                what = f"stood still {held_up} times, so that readings are missing ({vain}: {step.tries[-1].why})"
+            if any(one.held_up for one in step.tries[-MOST_TRIES:]) or self.session.emulated:
+                what = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
                 remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
                 raise CellError("this computer", what, remedy)
             remedy = "look at the cell (rig doctor); the same command goes on here"
