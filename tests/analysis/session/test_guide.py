@@ -50,8 +50,10 @@ def test_a_session_drives_finds_corrects_and_drives_again(place: Path, tmp_path:
     finished(session, place)
     assert driver.stages == ["yaw", "other", "yaw"]
     assert session.correction and session.correction.way in ("entries", "programs")
-    assert oracle.asked[-1] == (len(session.runs_for("find")), len(session.runs_for("judge")))
-    assert any("at a place not used" in line for line in screen.lines)
+    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    assert oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
+    assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
+    assert any("at the other place" in line for line in screen.lines)
 
 
 @pytest.mark.cpu_limit(150)
@@ -111,7 +113,7 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
 def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
-    with pytest.raises(CellError, match=r"p02-yaw-cw: was driven 3 times in vain, the last time: g1: 3 silent"):
+    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; look at the cell"):
         gone_on(place, driver, Oracle())
     kept = Place(place).read()
     assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
