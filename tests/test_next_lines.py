@@ -46,7 +46,9 @@ def test_a_dead_end_is_seen(tmp_path: Path, line: str, *, dead: bool) -> None:
 
 
 @pytest.mark.cpu_limit(120)
-@pytest.mark.parametrize("case", [pytest.param(one, id=one.name, marks=() if one.quick else nightly) for one in CASES])
+@pytest.mark.parametrize(
+    "case", [pytest.param(one, id=one.name, marks=() if one.quick else pytest.mark.nightly) for one in CASES]
+)
 def test_every_hint_comes_to_an_end(tmp_path: Path, case: HintCase) -> None:
     found = followed(case, tmp_path)
     assert not found.dead, table({case.name: found})

@@ -33,6 +33,8 @@ _NEED_A_CELL = ("rigd", "record", "live", "doctor", "init", "status", "logs", "m
 _STANDS_FOR = {"RUN": "{runs}", "RUN…": "{runs}", "RUNS": "{runs}", "RIG": "{rig}", "CELL": "{rig}", "FILE": "{rig}",
                "DIR": "new", "FILE.html": "new.html"}  # fmt: skip
 """What a person puts in the place of a word in capitals."""
+_A_TRACKERS = {"TRACKER.csv"}
+"""Files that only an instrument writes."""
 _USE = 2
 _TOKENS = re.compile(r"""(?:'[^']*'|[^\s'])+[^\s']*|'""")
 _ENDS_A_COMMAND = ",;:.)]…'`’"
@@ -137,7 +139,7 @@ def follow(text: str, place: Place, scratch: Path) -> Followed:
         counted.lines += 1
         if (why := _wrong_use(hint)) is not None:
             counted.dead.append((hint, why))
-        elif hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL:
+        elif hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL or not _A_TRACKERS.isdisjoint(hint.words):
             counted.need_a_cell += 1
         elif why := _followed(hint, place, scratch, numbers, seen):
             counted.dead.append((hint, why))
