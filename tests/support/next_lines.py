@@ -95,10 +95,14 @@ def _command_at(tokens: Sequence[str], place: Path) -> Iterator[str]:
     command: Any = _RIG if program == "rig" else _RIGD
     takes_value = False
     for token in tokens[1:]:
-        bare = token.rstrip(_ENDS_A_COMMAND) if token not in _STANDS_FOR else token
+        after = _ENDS_A_COMMAND.replace("'", "") if token.startswith("'") else _ENDS_A_COMMAND
+        bare = token.rstrip(after) if token not in _STANDS_FOR else token
         within: dict[str, Any] = getattr(command, "commands", {})
         if within and bare in within:
             command = within[bare]
+        elif within and tokens[2:3] and tokens[2].startswith("--"):
+            yield bare  # a command that there is not, and no word of a sentence
+            return
         elif within or not (takes_value or _is_argument(bare, place)):
             return
         yield bare
@@ -112,7 +116,7 @@ def _command_at(tokens: Sequence[str], place: Path) -> Iterator[str]:
 def _is_argument(token: str, place: Path) -> bool:
     names = (*arm_names(), *shipped())
     return bool(token) and (
-        token.startswith("-")
+        token.startswith(("-", "'"))
         or token in names
         or token in _STANDS_FOR
         or any(char in token for char in "/*")
