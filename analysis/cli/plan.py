@@ -3,6 +3,8 @@ would add what it cannot."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,7 +15,8 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
-from rigs.schema.vocabulary import Maker, TestName, maker_of
+from rigs.schema.vocabulary import MAKERS, Maker, TestName, maker_of
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -147,10 +150,14 @@ def _propose(
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        maker = maker_of(rig.feedback.interface) or "MAKER"
-        say(f"next: rig program {written[0]} --for {maker} --test yaw -o programs", err=True)
+        maker, others = maker_of(rig.feedback.interface), ""
+        if maker is None:
+            maker, *more = MAKERS
+            others = f"  # or {', '.join(more)}"
+        file = as_argument(written[0])
+        say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
     elif found.circles:
-        say("next: the same with -o DIR writes a rig file of each circle", err=True)
+        say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file of each circle", err=True)
 
 
 def _print(table: RenderableType) -> None:
