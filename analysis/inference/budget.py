@@ -42,6 +42,12 @@ _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
 
 
+def group_of(effect: Effect) -> tuple[PartKind, int | None]:
+    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
+    joint where each joint has one."""
+    return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
+
+
 @dataclass(frozen=True)
 class Measure:
     """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
@@ -83,6 +89,12 @@ class Measure:
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
         kept: Array = weighted - U @ (moves @ weighted)
+        return kept
+
+    def without_set_up(self, changes: Array) -> Array:
+        """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
+        _, moves = self._absorbs
+        kept: Array = changes - self.linear.U @ (moves @ (self._root * changes))
         return kept
 
     def um(self, changes: Array) -> float:
@@ -222,9 +234,7 @@ class _Budget:
         posterior, columns = self.result.posterior, self.result.selection.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            effect = form.effects[0]
-            axis = getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
-            groups.setdefault((effect.part, axis), []).append(form)
+            groups.setdefault(group_of(form.effects[0]), []).append(form)
         found = []
         for (kind, axis), forms in groups.items():
             own = np.array([column for form in forms for column in form.columns])

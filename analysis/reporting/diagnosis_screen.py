@@ -23,10 +23,11 @@ from analysis.reporting.diagnosis_words import (
     runs_of,
     shortened,
     size,
-    stretch,
     sure,
     with_uncertainty,
 )
+from analysis.reporting.places_table import places_table
+from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
@@ -40,7 +41,6 @@ _COLOUR: dict[Condition, str] = {
     "nothing_unusual": "bold green",
     "not_testable_here": "bold yellow",
 }
-_MOST_PLACES = 6
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Names of what cannot be seen here, before the rest is only counted."""
@@ -56,10 +56,11 @@ def as_screen(found: Diagnosis) -> RenderableType:
         ("What makes the error", _budget(found)),
         ("Fitted effects" if found.given else "Faults", _faults(found)),
         ("What to do", _acts(found)),
+        ("How the gap shrinks", _shrinking(found)),
         ("What the model leaves", _gaps(found)),
         ("Still unexplained", _left(found)),
         ("What these tests cannot distinguish", _cannot(found)),
-        ("Where model and readings disagree", _where(found)),
+        ("Where model and readings disagree", places_table(found.where)),
         ("Remarks on the data", _doubts(found)),
     )
     shown: list[RenderableType] = [*parts]
@@ -77,15 +78,9 @@ def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
     return whole(table)
 
 
-def _where(found: Diagnosis) -> list[RenderableType]:
-    if not found.where:
-        return [Text("nowhere by more than the noise")]
-    table = _plain_table("test", "part", "where", "joint", "why", "µm", "sigma", right=("joint", "µm", "sigma"))
-    for place in sorted(found.where, key=lambda one: -one.sigma)[:_MOST_PLACES]:
-        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
-        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
-    more = len(found.where) - _MOST_PLACES
-    return [table, *([Text(f"and {more} more (all with --json)", style="dim")] if more > 0 else [])]
+def _shrinking(found: Diagnosis) -> list[RenderableType]:
+    stairs = stairs_of(found)
+    return [stairs_table(stairs)] if stairs else []
 
 
 def _budget(found: Diagnosis) -> list[RenderableType]:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,11 @@ from analysis.session.processes import Child
 from analysis.session.state import Answer, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
+from rigs.calibration import ground_of
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.inference.result import Diagnosis
 
 ANSWER = "answer.json"
 _SHOWN = 6
@@ -64,15 +69,27 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
-        next_test=found.next_test.test if found.next_test else "",
+        next_test=_next_test(found),
+        ground=ground_of(found.calibrated) if found.calibrated else "",
         runs_to_decide=found.runs_to_decide,
         now_um=found.accuracy.now_um,
         calibrated_um=found.accuracy.calibrated_um,
+        before_there_um=found.accuracy.before_there_um,
+        level=found.level,
         noise_um=found.train.noise_floor_um,
         seconds=round(found.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
     )
+
+
+def _next_test(found: Diagnosis) -> str:
+    """The test that would tell rivals apart, or name a group, as `rig plan` calls it; empty where none is to be
+    driven."""
+    from analysis.inference.naming_tests import JOINED  # noqa: PLC0415 - slow to import
+
+    driven = (act.test.test for act in found.acts if act.test and act.test.test != JOINED)
+    return next(driven, found.next_test.test if found.next_test else "")
 
 
 def main() -> None:
