@@ -77,10 +77,15 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     first, *others = found.acts
     assert first.kind == "load" and first.place == "unseen"
     assert first.removes_um > 90 and first.remains_um < 15 and first.remains_u_um < 5
-    assert [act.removes_um for act in found.acts] == sorted((act.removes_um for act in found.acts), reverse=True)
-    assert {(act.kind, name_of(act.effect)) for act in others if act.effect} >= {
-        ("remaster", "joint_offset 3"), ("repair", "transmission_error 4")
-    }  # fmt: skip
+    removed = [act.removes_um for act in found.acts if act.removes_um]
+    assert removed == sorted(removed, reverse=True)
+    assert any(act.kind == "repair" and act.effect and name_of(act.effect) == "transmission_error 4" for act in others)
+    zero = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
+    mastered = any(act.kind == "remaster" and act.effect == zero.effect for act in others)
+    # A zero of fewer than 20 to 1 is not mastered anew; the runs that only judged would make it sure.
+    assert mastered == (zero.posterior > 20 / 21)
+    named = [act.test.test for act in others if act.why == "group" and act.test]
+    assert mastered or named == ["--unseen"]
     assert ActWords(found).next.startswith("Load the corrected programs and entries")
 
 
