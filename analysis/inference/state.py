@@ -67,8 +67,8 @@ class SelectionState:
         return bool(self.faults_among([self.refined.effects[place]]))
 
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than healthy arms, or arms of this level, show: those beside which a search
-        computes everything else anew, and of which it asks for rivals. Whether one is a fault is not asked here."""
+        """Return the effects that are larger than healthy arms, or arms of this level, show: beside them a search
+        computes everything else anew, and it asks for their rivals. Whether one is a fault is not asked here."""
         return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
 
 
