@@ -506,12 +506,18 @@ class Diagnosis(Tabular):
         return plain
 
 
-def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is there for certain: an effect without rivals, or many small terms together."""
+def is_there(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether something does what a part says for certain, though it may be one of a few effects that look
+    alike."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    one = found.effects[part.index]
-    return one.doubt in (None, "usual") and one.posterior >= CERTAIN_ODDS and part.sigma >= SURE_SIGMA
+    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
+
+
+def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether a part is there for certain, an effect without rivals or many small terms together."""
+    known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
+    return known and is_there(found, part)
 
 
 def _name_of_part(part: BudgetPart) -> str:
