@@ -489,7 +489,7 @@ class Diagnosis(Tabular):
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
-                "staircase": self.staircase.to_dict(list(map(_name_of_part, self.budget))) if self.staircase else None,
+                "staircase": self.staircase.to_dict(list(map(label_of_part, self.budget))) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -507,8 +507,8 @@ def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
     return one.doubt in (None, "usual") and one.posterior >= CERTAIN_ODDS and part.sigma >= SURE_SIGMA
 
 
-def _name_of_part(part: BudgetPart) -> str:
-    """`backlash 1`, `constants`, `curve 3`."""
+def label_of_part(part: BudgetPart) -> str:
+    """What a part is, for a machine: `backlash 1`, `constants`, `curve 3`."""
     return part.name or f"{part.kind} {part.axis or ''}".rstrip()
 
 
