@@ -14,6 +14,7 @@ from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_text
 from rigs.names import the_same
+from rigs.plausible_calibration import hold_plausible
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -82,7 +83,10 @@ def load(name: str | Path) -> tuple[Rig, str]:
     text = _text(path)
     rig = parse(text, str(path))
     if rig.calibration:
-        rig = rig.with_calibration(rig.calibration, _calibration(path.parent / rig.calibration.file, rig.calibration))
+        beside = path.parent / rig.calibration.file
+        content = _calibration(beside, rig.calibration)
+        hold_plausible(content, rig, str(beside))
+        rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import nightly
 from tests.support.golden import DATA
 from tests.support.next_line_cases import HintCase, cases, followed
 from tests.support.next_lines import Place, follow, hints_of, table
@@ -37,7 +38,8 @@ def test_the_commands_of_a_line_are_seen(tmp_path: Path, line: str, commands: li
         ("see rig arms", False),
         ("see rig frobnicate --all", True),
         ("see rig arms --none", True),
-        ("see rig arms nobody.yaml", True),  # and its own remedy is no command
+        ("see rig arms nobody", False),  # its error says: rig arms lists all
+        ("see rig check nobody.yaml", True),  # its error names no command
     ],
 )
 def test_a_dead_end_is_seen(tmp_path: Path, line: str, *, dead: bool) -> None:
@@ -46,7 +48,7 @@ def test_a_dead_end_is_seen(tmp_path: Path, line: str, *, dead: bool) -> None:
 
 
 @pytest.mark.cpu_limit(120)
-@pytest.mark.parametrize("case", [pytest.param(one, id=one.name, marks=() if one.quick else nightly) for one in CASES])
+@pytest.mark.parametrize("case", nightly.cases(CASES, lambda case: case.quick))
 def test_every_hint_comes_to_an_end(tmp_path: Path, case: HintCase) -> None:
     found = followed(case, tmp_path)
     assert not found.dead, table({case.name: found})

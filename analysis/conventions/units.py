@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_units import circle_gauges, too_far
+from analysis.conventions.mirror import mirror_findings
 from analysis.conventions.off_path import off_path
 from analysis.conventions.rail_units import rail_findings
 from analysis.conventions.tracker_units import tracker
@@ -47,6 +48,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     if isinstance(table, PoseTable):
         yield from rail_findings(table, rig)
+        yield from mirror_findings(table, rig, UNITS)
     for what, remedy in _mistakes(table, rig, places):
         columns = tuple(name for name in what.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
 from analysis.correction.programs.flags import agreeing
-from analysis.correction.programs.frames import Frames
+from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.programs.machine import Unknown
 from analysis.correction.programs.numbers import (
     frame_numbers,
@@ -40,6 +40,16 @@ MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
 farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
 singularity."""
+
+
+@dataclass(frozen=True)
+class Programs:
+    """Programs to correct, the tools and frames that a person states for them, and whether only whole ones, of which no
+    target is left as it was, are written."""
+
+    paths: Sequence[Path] = ()
+    frames: Frames = NO_FRAMES
+    whole: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from analysis.inference.acts import Act, Against, Cost, JudgedOn, Reason, Test
+from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.budget import LARGE_SHARE
 from analysis.inference.observation import ObservedRun
 from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named, is_sure
@@ -65,7 +65,9 @@ class JudgedPlace:
         return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
 
 
-def acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]] = ()) -> tuple[Act, ...]:
+def acts_of(
+    found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]] = ()
+) -> tuple[Act, ...]:
     """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
     tests that would name a part of the budget, by its index."""
     if found.given:
@@ -175,7 +177,7 @@ def _model(found: Diagnosis) -> str:
     return f"FOUND/{found.rig.name}.yaml"
 
 
-def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]]) -> list[Act]:
+def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> list[Act]:
     """Return what is to be measured: what tells rivals apart, names a group, decides, or judges elsewhere."""
     acts = []
     if found.condition == "undecided":

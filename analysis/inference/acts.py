@@ -58,7 +58,7 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Test:
+class NamingTest:
     """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are
     expected after it, and the causes that it tells apart."""
 
@@ -91,7 +91,7 @@ class Act:
     effect: Effect | None = None
     u: float | None = None
     command: tuple[str, ...] = ()
-    test: Test | None = None
+    test: NamingTest | None = None
     runs: int | None = None
     against: tuple[Against, ...] = ()
 

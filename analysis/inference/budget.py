@@ -31,6 +31,8 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
 be."""
+_CANCELS = 0.005
+"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
 _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
@@ -147,6 +149,14 @@ def budget_of(
 
 
 @dataclass(frozen=True)
+class _Drawn:
+    """A part, and what it does (N,) as a vector of `Measure.of`."""
+
+    part: BudgetPart
+    vector: Array
+
+
+@dataclass(frozen=True)
 class _Budget:
     result: SearchResult
     gap: Gap
@@ -178,12 +188,12 @@ class _Budget:
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
         effects = self.result.state.refined.effects
-        found = [
+        drawn = [
             self._effect(one, place, changes[effects.index(one.effect)])
             for place, one in enumerate(named)
             if one.effect in effects
         ]
-        found += self._groups()
+        found = [one.part for one in self._without_cancelling([*drawn, *self._groups()])]
         rest = self._unexplained()
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(one.share for one in [*found, rest]))
         for place, one in enumerate(named):
@@ -194,14 +204,32 @@ class _Budget:
                 scatter = replace(scatter, share=scatter.share - share)
         return sorted([*found, rest, scatter], key=lambda one: -one.share)
 
-    def _effect(self, one: Named, place: int, change: EffectChange) -> BudgetPart:
-        part = BudgetPart("effect", change.um, change.u_um, self.share(self.measure.of(change.change)))
-        return replace(
+    def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
+        """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
+        kept = list(drawn)
+        while kept and (least := min(kept, key=lambda one: one.part.share)).part.share < -_CANCELS:
+            others = [one for one in kept if one is not least]
+            if not others:
+                break
+            other = min(others, key=lambda one: float(one.vector @ least.vector))
+            vector = other.vector + least.vector
+            both = replace(
+                other.part, um=float(np.linalg.norm(vector)), u_um=max(other.part.u_um, least.part.u_um),
+                share=self.share(vector), cancelled=(*other.part.cancelled, least.part.label, *least.part.cancelled),
+            )  # fmt: skip
+            kept = [_Drawn(both, vector) if one is other else one for one in others]
+        return kept
+
+    def _effect(self, one: Named, place: int, change: EffectChange) -> _Drawn:
+        vector = self.measure.of(change.change)
+        part = BudgetPart("effect", change.um, change.u_um, self.share(vector))
+        found = replace(
             part, axis=getattr(one.effect, "axis", None), name=label_of(one.effect), times_usual=change.times_usual,
             rank=_rank(one, change), odds=one.posterior, held_out_gain=one.held_out_gain, doubt=one.doubt, index=place,
         )  # fmt: skip
+        return _Drawn(found, vector)
 
-    def _groups(self) -> list[BudgetPart]:
+    def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
         posterior, columns = self.result.posterior, self.result.selection.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
@@ -220,7 +248,8 @@ class _Budget:
             ratio = um / usual_um if usual_um > 0 else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
-            found.append(replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part)
+            part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
+            found.append(_Drawn(part, vector))
         return found
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:

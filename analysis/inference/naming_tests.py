@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.inference.acts import Cost, Test
+from analysis.inference.acts import Cost, NamingTest
 from analysis.inference.blocks import blocks_of
 from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_bands
 from analysis.inference.observation import ObservedRun
@@ -39,7 +39,7 @@ class NamingTests:
 
     possible: Sequence[PossibleTest]
 
-    def for_rivals(self, one: Effect, rival: Effect) -> tuple[Test, Cost] | None:
+    def for_rivals(self, one: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
         """Return the test that tells an effect from its rival, the cheapest of those that do it for certain; None where
         none does."""
         pairs = ((one, rival), (rival, one))
@@ -49,7 +49,7 @@ class NamingTests:
         ]
         return self._best(sigmas, 1, (name_of(one), name_of(rival)))
 
-    def for_member(self, effect: Effect, among: int) -> tuple[Test, Cost] | None:
+    def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
         """Return the test by which an effect among so many is known best at its size; None where none names it."""
         sigmas = []
         for test in self.possible:
@@ -58,13 +58,13 @@ class NamingTests:
             sigmas.append(abs(size_of(effect)) / sd)
         return self._best(sigmas, among, (label_of(effect),))
 
-    def _best(self, sigmas: Sequence[float], among: int, names: tuple[str, ...]) -> tuple[Test, Cost] | None:
+    def _best(self, sigmas: Sequence[float], among: int, names: tuple[str, ...]) -> tuple[NamingTest, Cost] | None:
         enough = [k for k, sigma in enumerate(sigmas) if _odds(sigma, among) >= ODDS / (1 + ODDS)]
         if not enough:
             return None
         k = min(enough, key=lambda k: (self.possible[k].minutes, -sigmas[k]))
         one = self.possible[k]
-        test = Test(one.test, one.why, float(sigmas[k]), _odds(sigmas[k], among), names)
+        test = NamingTest(one.test, one.why, float(sigmas[k]), _odds(sigmas[k], among), names)
         return test, Cost(one.minutes, one.programs, one.set_ups)
 
 
@@ -80,7 +80,7 @@ def naming_tests(
     budget: Sequence[BudgetPart],
     named: Sequence[Named],
     judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
-) -> list[tuple[int, Test, Cost]]:
+) -> list[tuple[int, NamingTest, Cost]]:
     """Return the test that names each part of the budget that needs one, by its index: a name that stands and has a
     rival, and a group. `judges` are the runs used, and those of another place that only judged; readings are (m, k)."""
     asked = [k for k, part in enumerate(budget) if _needs_a_test(part, named)]

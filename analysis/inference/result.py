@@ -78,6 +78,13 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """Of a group that makes more than a third of the gap: what it may be, the likeliest first."""
+    cancelled: tuple[str, ...] = ()
+    """The labels of what cancels some of it, which is counted with it."""
+
+    @property
+    def label(self) -> str:
+        """What it is, for a machine: the name of an effect, or its kind with the axis."""
+        return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
     def sigma(self) -> float:

@@ -360,7 +360,8 @@ def without_a_fold(
     used, left_out = [], []
     for run in runs:
         q = run.one.table.q[run.one.rows]
-        few = len(q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
+        # Poses that were left out as wild make no run of sixty one of few.
+        few = len(run.one.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
         if not isinstance(run.one.table, PlaceTable) or few:
             used.append(run)
             continue

@@ -93,7 +93,7 @@ def evaluate(
     """
     _hold(table, where)
     bare = without_setup(arm)
-    kept = without_lost(table, partial(_errors, bare))
+    kept = without_lost(table, bare, partial(_errors, bare))
     table = kept.table
     T = forward(bare, table.q)
     setup = fit_setup(T, table.xyz_mm)

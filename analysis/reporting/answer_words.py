@@ -105,7 +105,11 @@ class AnswerWords:
         return self.texts(which, standing=self.texts(f"standing_{own.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
-        """A part of the budget as a person says it."""
+        """A part of the budget as a person says it, with what cancels some of it."""
+        name = self._part_name(part)
+        return self.texts("with_cancelled", part=name, count=len(part.cancelled)) if part.cancelled else name
+
+    def _part_name(self, part: BudgetPart) -> str:
         if part.index is not None:
             return self.noun(self.found.effects[part.index].effect)
         if part.kind == "effect":

@@ -74,6 +74,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         runs_to_decide=found.runs_to_decide,
         now_um=found.accuracy.now_um,
         calibrated_um=found.accuracy.calibrated_um,
+        before_there_um=found.accuracy.before_there_um,
+        level=found.level,
         noise_um=found.train.noise_floor_um,
         seconds=round(found.seconds, 1),
         found=directory.name,

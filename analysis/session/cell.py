@@ -42,6 +42,8 @@ _MOVES_S = 0.5
 _AGAIN_S = 1.0
 _WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
 """How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
+_HOST = "host"
+"""The stream of what happened to the computer itself."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 Say = Callable[[str], None]
@@ -81,11 +83,13 @@ class Hands(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty."""
+    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty;
+    held_up: how often the computer stood still meanwhile."""
 
     name: str
     program: str
     why: str
+    held_up: int = 0
 
 
 class Driver(Protocol):
@@ -362,9 +366,10 @@ class _Drive:
         self._recording = ""
         name = Path(ended["run"]).name
         why = why or why_unusable(runs / name)
+        held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
         if why and (faults := _faults(ended["counters"])):
             why = f"{why} ({faults})"
-        return Run(name, program, why)
+        return Run(name, program, why, held_up)
 
     def _tell(self, line: str) -> None:
         """Say something once."""

@@ -329,7 +329,7 @@ class Guide:
         if of is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        self._keep_try(of, Try(run=run.name, why=run.why))
+        self._keep_try(of, Try(run=run.name, why=run.why, held_up=run.held_up))
         if run.why:
             self._hold_tries(of)
         else:
@@ -343,8 +343,13 @@ class Guide:
         """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
-            what = f"was driven {MOST_TRIES} times in vain, the last time: {step.tries[-1].why}"
-            raise CellError(step.program, what, "look at the cell (rig doctor); the same command goes on here")
+            vain = f"after {MOST_TRIES} failed attempts at {step.program}"
+            if any(one.held_up for one in step.tries[-MOST_TRIES:]) or self.session.emulated:
+                what = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
+                remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
+                raise CellError("this computer", what, remedy)
+            remedy = "look at the cell (rig doctor); the same command goes on here"
+            raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
 
     # ------------------------------------------------------------------------------------------------------------------
     # Understanding.
@@ -497,7 +502,8 @@ class Guide:
         """Make the correction and its files; return the programs that it changes."""
         directory = self._place.directory / CORRECTIONS
         main = self.session.stages[0].name
-        runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        here = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        runs = here, [self._run(step) for step in self.session.runs_for("judge")]
         made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
         self._known = {}
         self._made = made.correction

@@ -33,6 +33,8 @@ _NEED_A_CELL = ("rigd", "record", "live", "doctor", "init", "status", "logs", "m
 _STANDS_FOR = {"RUN": "{runs}", "RUN…": "{runs}", "RUNS": "{runs}", "RIG": "{rig}", "CELL": "{rig}", "FILE": "{rig}",
                "DIR": "new", "FILE.html": "new.html"}  # fmt: skip
 """What a person puts in the place of a word in capitals."""
+_A_TRACKERS = {"TRACKER.csv"}
+"""Files that only an instrument writes."""
 _USE = 2
 _TOKENS = re.compile(r"""(?:'[^']*'|[^\s'])+[^\s']*|'""")
 _ENDS_A_COMMAND = ",;:.)]…'`’"
@@ -93,10 +95,14 @@ def _command_at(tokens: Sequence[str], place: Path) -> Iterator[str]:
     command: Any = _RIG if program == "rig" else _RIGD
     takes_value = False
     for token in tokens[1:]:
-        bare = token.rstrip(_ENDS_A_COMMAND) if token not in _STANDS_FOR else token
+        after = _ENDS_A_COMMAND.replace("'", "") if token.startswith("'") else _ENDS_A_COMMAND
+        bare = token.rstrip(after) if token not in _STANDS_FOR else token
         within: dict[str, Any] = getattr(command, "commands", {})
         if within and bare in within:
             command = within[bare]
+        elif within and tokens[2:3] and tokens[2].startswith("--"):
+            yield bare  # a command that there is not, and no word of a sentence
+            return
         elif within or not (takes_value or _is_argument(bare, place)):
             return
         yield bare
@@ -110,7 +116,7 @@ def _command_at(tokens: Sequence[str], place: Path) -> Iterator[str]:
 def _is_argument(token: str, place: Path) -> bool:
     names = (*arm_names(), *shipped())
     return bool(token) and (
-        token.startswith("-")
+        token.startswith(("-", "'"))
         or token in names
         or token in _STANDS_FOR
         or any(char in token for char in "/*")
@@ -137,7 +143,7 @@ def follow(text: str, place: Place, scratch: Path) -> Followed:
         counted.lines += 1
         if (why := _wrong_use(hint)) is not None:
             counted.dead.append((hint, why))
-        elif hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL:
+        elif hint.words[0] == "rigd" or hint.words[1] in _NEED_A_CELL or not _A_TRACKERS.isdisjoint(hint.words):
             counted.need_a_cell += 1
         elif why := _followed(hint, place, scratch, numbers, seen):
             counted.dead.append((hint, why))

@@ -63,7 +63,7 @@ def parse(texts: Texts) -> Parsed:
             return stated.get(part, name)
         return "on" if kind == "conf" else OFF
 
-    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
+    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken)))
 
 
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:

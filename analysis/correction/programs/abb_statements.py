@@ -148,6 +148,7 @@ class Reader:
     of: dict[str, int] = field(default_factory=dict)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
+    broken: list[Call] = field(default_factory=list)
     by_name: Unknown | None = None
     """Where the program writes data that it names in a text."""
     file: int = 0
@@ -300,7 +301,8 @@ def _handler(reader: Reader, begin: int, word: str) -> None:
     if reader.routine in reader.routines:
         reader.routine += f" {len(reader.routines)}"
     why = reader.why(begin, f"the handler {word} may run")
-    reader.beside += [Call(reader.routine, why), Call(routine, why)]
+    reader.beside.append(Call(reader.routine, why))
+    reader.broken.append(Call(routine, why))
     reader.blocks = Blocks()
 
 

@@ -55,7 +55,7 @@ _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,
 )
-_LINE = re.compile(r"^[ \t]*(?P<number>\d+)?[ \t]*:(?P<body>[^\n]*)", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*(?:(?P<number>\d+)[ \t]*)?:(?P<body>[^\n]*)", re.MULTILINE)
 _POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
 _ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
 _POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
@@ -71,7 +71,8 @@ _OPTIONS = re.compile(
 _SKIP = re.compile(r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*PR\[[^\]]*\]\s*=\s*[LJ]POS)?", re.IGNORECASE)
 _ALONG = re.compile(r"\b(?:TA|TB|DB|TIME\s+(?:BEFORE|AFTER))\s+[^,;]*,\s*(?P<action>[^;]*)", re.IGNORECASE)
 _ASSIGNED = re.compile(
-    r"(?:PR|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR|PULSE)\[[^\]]*\]\s*(?:,\s*\S+\s*)?=.*"
+    r"(?:P|PR|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
+    r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]\s*(?:,\s*\S+\s*)?=.*"
 )
 _NOTHING = re.compile(
     r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|UFRAME_NUM(?:\[[^\]]*\])?\s*=.*|"
@@ -85,7 +86,7 @@ _NOTHING = re.compile(
 )
 """Instructions that change neither frames nor where the arm stands or goes: registers, signals, waiting, speeds,
 messages, welding. UFRAME_NUM and UTOOL_NUM have to be those of a position, or the controller stops."""
-_FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?([^\]]*)\]\s*=.*", re.IGNORECASE)
+_FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
 _REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?([^\],:]*)(?::[^\],]*)?(?:,\s*([^\]:]*)[^\]]*)?\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
 _CALL = re.compile(r"CALL\s+([\w-]+)\s*(?:\(.*\))?", re.IGNORECASE)
@@ -397,13 +398,13 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
         blocks.add(Set(part, "on" if re.search(pattern, options, re.IGNORECASE) else OFF))
         options = re.sub(pattern, "", options, flags=re.IGNORECASE)
     unknown = _OPTIONS.sub("", options).strip(", ")
-    blocks.add(Set("option", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
     target = reader.points.target(point[1])
     tool, frame = (
         str(name) if name == "0" or not str(name).isdigit() else Ref(f"{family}[{name}]")
         for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
     )
-    needs = ("tracking", "option", *parts)
+    needs = ("tracking", "option here", *parts)
     missing = _offset(reader, offset[0]) if offset else None
     way = "joint" if kind == "J" else "line"
     key = f"{point[1]}@{line}" if offset else point[1]

@@ -17,6 +17,8 @@ from dataclasses import dataclass, field, replace
 
 OFF = "off"
 """The value of a part, such as a displacement, that does nothing."""
+HERE = " here"
+"""Parts whose name ends so are set for the next move alone."""
 _MOST_STATES = 64
 """States in which one routine is gone through; further ones count as unknown altogether. Chosen: a routine of a real
 program is called with a few tools and frames."""
@@ -135,12 +137,13 @@ Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
 
 @dataclass(frozen=True)
 class Program:
-    """The routines of a program by their names, those at which it may begin, those that may run at any moment, and the
-    value that a part has at the beginning."""
+    """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
+    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere."""
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
     beside: tuple[Call, ...] = ()
+    broken: tuple[Call, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -199,7 +202,7 @@ class _Machine:
         pinned: dict[str, Unknown] = {}
         everything: Unknown | None = None
         moved, seen = False, set()
-        todo = list(self.program.beside)
+        todo = [*self.program.beside, *self.program.broken]
         while todo:
             call = todo.pop()
             body = self.program.routines.get(call.name)
@@ -209,7 +212,8 @@ class _Machine:
                 seen.add(call.name)
                 for one in body:
                     if isinstance(one, Set):
-                        pinned.setdefault(one.part, call.why)
+                        if not one.part.endswith(HERE):
+                            pinned.setdefault(one.part, call.why)
                     elif isinstance(one, Lose):
                         pinned.setdefault(one.family, call.why)
                     elif isinstance(one, Forget):

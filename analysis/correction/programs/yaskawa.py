@@ -307,11 +307,11 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", rest))).strip()
     blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     blocks.add(Set("coordinated here", "on" if move["kind"].startswith("S") else OFF))
-    blocks.add(Set("option", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
     frame = Ref(f"USER[{int(str(target.frame))}]") if str(target.frame).isdigit() else str(target.frame)
-    needs = ("shift", "tracking here", "coordinated here", "option")
+    needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
     blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))
     if stops:

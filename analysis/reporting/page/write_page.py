@@ -20,7 +20,7 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.inference.state import FAULT
-from analysis.reporting.act_words import acts_in_words
+from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
@@ -68,7 +68,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict_sentence=verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts) if report.found else None,
-        acts=acts_in_words(report.found, texts) if report.found else [],
+        acts=_acts(report, texts),
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
         steps=step_table(report.found, texts) if report.found else None,
@@ -88,6 +88,15 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         style=_template("report.css"),
         **_scripts(pictures),
     )
+
+
+def _acts(report: Report, texts: Texts) -> list[str]:
+    """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
+    if report.found is None:
+        return []
+    done = ("load", "enter") if report.after and report.after.driven else ()
+    words = ActWords(report.found, texts)
+    return [words.sentence(act) for act in report.found.acts if act.kind not in done]
 
 
 def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:

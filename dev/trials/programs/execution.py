@@ -21,6 +21,9 @@ Place = tuple[str, int]
 """A file and a line."""
 _STEPS, _DEPTH, _AGAIN, _MOST_KEPT = 600, 8, 2, 20_000
 
+_NEAR_RAD, _PARTS = 0.9, 40
+"""Joint angles that differ by less belong to one posture; parts of a line on which a posture is followed."""
+
 
 class Ended(Exception):
     """The controller stops: the program ended, or it is refused from here on."""
@@ -136,9 +139,12 @@ class Robot:
         place: Place,
         sources: frozenset[Place],
         chosen: Callable[[Array], bool] | None = None,
+        *,
+        straight: bool = False,
     ) -> None:
-        """Drive the flange to F (4, 4), nearest to where the arm stands, or to the one solution that is `chosen`."""
-        q = self.solve(F, self.q, chosen)
+        """Drive the flange to F (4, 4), nearest to where the arm stands, or to the one solution that is `chosen`; on a
+        straight line the arm keeps its posture."""
+        q = self._along(F) if straight and chosen is None else self.solve(F, self.q, chosen)
         if q is None:
             raise Ended
         self.q = q
@@ -155,7 +161,7 @@ class Robot:
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
         q = solved(self.here.nominal, F, near)
-        if q is not None and self.here.allows(q) and np.abs(q - near).max() < 0.9 and (chosen is None or chosen(q)):
+        if q is not None and self.here.allows(q) and np.abs(q - near).max() < _NEAR_RAD and (chosen is None or chosen(q)):
             return q
         ways = [] if q is None else [q]
         for seed in branches(self.dialect):
@@ -165,6 +171,23 @@ class Robot:
                 ways.append(other)
         ways = [way for way in ways if self.here.allows(way) and (chosen is None or chosen(way))]
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
+
+    def _along(self, F: Array) -> Array | None:
+        """Return joint angles (6,) rad at the end of a line, followed from where the arm stands."""
+        near = self.solve(F, self.q)
+        if near is not None and np.abs(near - self.q).max() < _NEAR_RAD:
+            return near
+        begin, _ = chain(self.here.nominal, self.q)
+        turn = Rotation.from_matrix(F[:3, :3] @ begin[:3, :3].T).as_rotvec()
+        q = self.q
+        for share in np.linspace(0, 1, _PARTS + 1)[1:]:
+            place = begin[:3, 3] + share * (F[:3, 3] - begin[:3, 3])
+            way = frame(place, Rotation.from_rotvec(share * turn) * Rotation.from_matrix(begin[:3, :3]))
+            one = solved(self.here.nominal, F if share == 1 else way, q)
+            if one is None or np.abs(one - q).max() > _NEAR_RAD or not self.here.allows(one):
+                return None
+            q = one
+        return q
 
     def go_astray(self, name: str) -> None:
         """Stand where something outside brings the arm: in another posture."""

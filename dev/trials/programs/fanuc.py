@@ -318,7 +318,7 @@ class Machine:
             X = self.world.shift("track") @ X
         F = frame((0.0, -position.rail, 0.0), Rotation.identity()) @ user @ X @ np.linalg.inv(tool)
         chosen = Config(position.config) if position.config and not relative else None
-        self.robot.pose(F, tool[:3, 3], place, src, chosen)
+        self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
 
     def _flange(self, q: Array) -> Array:
         return links(self.robot.here.nominal, q)[-1]

@@ -277,7 +277,7 @@ class Machine:
             F = self.world.shift("conveyor") @ F
         F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
         chosen = Rconf(position.rconf[:6]) if position.rconf and position.kind != "PULSE" else None
-        self.robot.pose(F, tool[:3, 3], place, src, chosen)
+        self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=word != "MOVJ")
 
     def _shifted(self, F: Array, tool: Array) -> Array:
         if self.shift is None:

@@ -68,6 +68,7 @@ class Program:
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
+        self.written: dict[str, set[Place]] = {}
         self.data: list[_Line] = []
         self.main = ""
         for name, text in sorted(files.items(), key=lambda one: one[0].lower().endswith(".src")):
@@ -148,6 +149,8 @@ class Program:
                 return []
         if re.fullmatch(r"\w+\s*:", line.text):
             return [Label(word)]
+        if found := re.match(r"([A-Za-z]\w*)(\.\w+)?\s*=", line.text):
+            self.written.setdefault(found[1].upper(), set()).add(place)
         return [Do(place, lambda m: m.instruction(line.text, line))]
 
 
@@ -266,11 +269,11 @@ class Machine:
         key = self._key(target, line)
         scope = next((one for one in (self.scopes[-1], self.scopes[0]) if key in one), self.scopes[0])
         if not path:
-            old = scope.get(key, (None, _NOWHERE))[0]
+            old, before = scope.get(key, (None, _NOWHERE))
             new = copy.deepcopy(value[0])
             if isinstance(old, dict) and isinstance(new, dict) and not key.startswith("$"):
                 new = {**old, **new} if set(new) < set(old) else new  # what is not written stays
-            scope[key] = (new, value[1])
+            scope[key] = (new, value[1] | before)
             return
         old, src = self._read(key)
         new = copy.deepcopy(old) if isinstance(old, dict) else {}
@@ -285,7 +288,7 @@ class Machine:
     def _read(self, key: str) -> Value:
         for scope in (self.scopes[-1], self.scopes[0]):
             if key in scope:
-                return scope[key]
+                return scope[key][0], scope[key][1] | self.program.written.get(key, set())
         if key in _FRAMES:
             return as_frame(np.eye(4)), _NOWHERE
         if key == "$POS_ACT":
@@ -417,7 +420,7 @@ class Machine:
             F, point = base @ X @ np.linalg.inv(tool), tool[:3, 3]
         F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
         chosen = Status(_bits(value["S"]), _bits(value.get("T"))) if "PTP" in word and "S" in value else None
-        self.robot.pose(F, point, line.place, src, chosen)
+        self.robot.pose(F, point, line.place, src, chosen, straight="PTP" not in word)
 
     def _unknown(self, name: str) -> None:
         if self.robot.ways.choose(2):

@@ -108,6 +108,7 @@ class Program:
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
+        self.written: dict[str, set[Place]] = {}
         self.data: list[tuple[str, Callable[[Any], Value]]] = []
         for name, text in files.items():
             self._tokens = lined(name, text)
@@ -267,6 +268,10 @@ class Program:
             value = RAPID.tree(t)
             where = t.span(begin)
             t.take(";")
+            name = target
+            while name[0] != "name":
+                name = name[1]
+            self.written.setdefault(name[1], set()).update(where)
             return Do(place, lambda m: m.assign(target, m.evaluate(value, where)))
         name = t.take()
         if t.peek() == "(":
@@ -326,7 +331,8 @@ class Machine:
         name = tree[1]
         scope = next((s for s in (self.scopes[-1], self.scopes[0]) if name in s), self.scopes[0])
         if not path:
-            scope[name] = copy.deepcopy(value)
+            before = scope.get(name, value)[1]
+            scope[name] = (copy.deepcopy(value[0]), value[1] | before)
             return
         old, src = scope.get(name) or (self.outside(name, ""), _NOWHERE)
         part = new = copy.deepcopy(old)
@@ -361,7 +367,7 @@ class Machine:
     def _read(self, name: str) -> Value:
         for scope in (self.scopes[-1], self.scopes[0]):
             if name in scope:
-                return scope[name]
+                return scope[name][0], scope[name][1] | self.program.written.get(name, set())
         if name in ("TRUE", "FALSE"):
             return name == "TRUE", _NOWHERE
         return self.outside(name, "ROBTARGET" if re.match(r"P\d", name) else ""), _NOWHERE
@@ -518,7 +524,8 @@ class Machine:
             rail = value[3][0] if len(value) > 3 and abs(value[3][0]) < 9e8 else 0.0
             F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
             configured = self.conf["CONFJ" if name.startswith(("MOVEJ", "TRIGGJ")) else "CONFL"]
-            self.robot.pose(F, point, place, sources, Conf(*value[2][:4]) if configured else None)
+            chosen = Conf(*value[2][:4]) if configured else None
+            self.robot.pose(F, point, place, sources, chosen, straight="J" not in name[4:6])
             if name == "SEARCHL":
                 self.robot.q = self.robot.q + np.radians(self.world.number("search", -3, 3))
 

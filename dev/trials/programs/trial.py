@@ -35,12 +35,14 @@ posture."""
 
 @dataclass(frozen=True)
 class Corrected:
-    """What a correction made of a draft: the bytes of all files, and places of what it corrected and left."""
+    """What a correction made of a draft: the bytes of all files, places of what it corrected and left, and
+    the names of the files that were handed in."""
 
     files: dict[str, bytes]
     done: frozenset[Place]
     left: tuple[tuple[Place, str], ...]
     u_mm: float
+    read: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def correct(draft: Draft) -> Corrected:
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
+    read = set[str]()
     scale = inform.SCALE if draft.dialect == "yaskawa" else None
     with tempfile.TemporaryDirectory() as directory:
         for name, data in draft.files.items():
@@ -89,10 +92,11 @@ def correct(draft: Draft) -> Corrected:
             )
             names = list(one.files)
             files |= one.files
+            read |= set(names)
             done |= {(names[file], line) for file, line in one.places}
             left += [((names[item.file], item.line), item.reason) for item in one.left]
             u_mm += one.u_mm.tolist()
-    return Corrected(files, frozenset(done), tuple(left), max(u_mm))
+    return Corrected(files, frozenset(done), tuple(left), max(u_mm), frozenset(read))
 
 
 _REFUSED = (TypeError, ValueError, IndexError, KeyError, RecursionError)
@@ -162,8 +166,12 @@ def _drive(draft: Draft, corrected: Corrected, verdict: Verdict) -> None:
         for ways in every_way(WAYS, seed):
             first = reached(draft, draft.files, before, world, ways)
             again = reached(draft, corrected.files, after, world, Ways(tuple(ways.taken)))
-            if [one.place for one in first] != [one.place for one in again]:
+            places, others = ([one.place for one in way] for way in (first, again))
+            shorter = min(len(places), len(others))
+            if places[:shorter] != others[:shorter]:
                 verdict.faults.append(Fault("another way", first[-1].place if first else (draft.main, 0)))
+            elif len(places) != len(others):
+                verdict.faults.append(Fault("stops elsewhere", max(first, again, key=len)[shorter].place))
             for one, other in zip(first, again, strict=False):
                 key = (one.place, one.sources, one.q.round(9).tobytes(), one.F.round(6).tobytes(), other.q.round(9).tobytes())
                 pairs.setdefault(key, (one, other))
@@ -191,7 +199,7 @@ def _compare(draft: Draft, corrected: Corrected, pairs: list[tuple[Reached, Reac
             kind = "farther off, listed" if said else "farther off"
         elif moved and after > slack:
             kind = "short, listed" if said else "short"
-        elif not moved and before > slack and not said:
+        elif not moved and before > slack and not said and corrected.read & {name for name, _ in one.sources}:
             kind = "silent"
         if kind:
             verdict.faults.append(Fault(kind, one.place, before, after))

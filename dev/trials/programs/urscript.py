@@ -95,6 +95,7 @@ class Program:
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
+        self.written: dict[str, set[Place]] = {}
         self._lines = logical_lines(main, files[main])
         self._at = self._depth = 0
         self.last = ""
@@ -165,13 +166,14 @@ class Program:
         tree = UR.tree(UR.tokens(text))
         return lambda m: m.evaluate(tree, line)
 
-    @staticmethod
-    def _do(line: _Line, text: str) -> Do:
+    def _do(self, line: _Line, text: str) -> Do:
         tokens = UR.tokens(text)
         tree = UR.tree(tokens)
         if tokens.peek() == "=":
             tokens.take()
             value = UR.tree(tokens)
+            name = tree[1][1] if tree[0] == "index" else tree[1]
+            self.written.setdefault(name, set()).update(line.places)
             return Do(line.places[0], lambda m: m.assign(tree, m.evaluate(value, line), line))
         return Do(line.places[0], lambda m: m.evaluate(tree, line))
 
@@ -211,7 +213,8 @@ class Machine:
         """Write a variable or an element of it."""
         match target:
             case ("name", name):
-                self._scope(name)[name] = value
+                scope = self._scope(name)
+                scope[name] = (value[0], value[1] | scope.get(name, value)[1])
             case ("index", ("name", name), index):
                 old, src = self._read(name)
                 k = int(self.evaluate(index, line)[0])
@@ -227,7 +230,7 @@ class Machine:
     def _read(self, name: str) -> Value:
         for scope in reversed(self.scopes):
             if name in scope:
-                return scope[name]
+                return scope[name][0], scope[name][1] | self.program.written.get(name, set())
         if name in ("True", "False"):
             return name == "True", _NOWHERE
         return self._outside(name), _NOWHERE
@@ -364,7 +367,7 @@ class Machine:
             sources = src | frozenset(line.places)
             if isinstance(value, Pose):
                 F = self.shifted @ value.T() @ np.linalg.inv(self.tool)
-                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources)
+                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=name[4] in "lpc")
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
 
