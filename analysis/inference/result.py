@@ -496,7 +496,7 @@ class Diagnosis(Tabular):
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
-                "staircase": self.staircase.to_dict(list(map(label_of_part, self.budget))) if self.staircase else None,
+                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -512,11 +512,6 @@ def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
         return part.sigma >= CERTAIN_SIGMA
     one = found.effects[part.index]
     return one.doubt in (None, "usual") and one.posterior >= CERTAIN_ODDS and part.sigma >= SURE_SIGMA
-
-
-def label_of_part(part: BudgetPart) -> str:
-    """What a part is, for a machine: `backlash 1`, `constants`, `curve 3`."""
-    return part.name or f"{part.kind} {part.axis or ''}".rstrip()
 
 
 def of_place(place: Place) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
-from analysis.inference.result import BudgetPart, Diagnosis, Gap, label_of_part
+from analysis.inference.result import BudgetPart, Diagnosis, Gap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
@@ -77,7 +77,7 @@ def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_
     others. What no model removes, as scatter, has no step."""
     effects, budget = stages.effects[-1], found.budget
     pieces = _pieces(found, result, stages)
-    added = [k for k, one in enumerate(budget) if label_of_part(one) in pieces]
+    added = [k for k, one in enumerate(budget) if one.label in pieces]
     added.sort(key=lambda k: -budget[k].um)
     least_um = _LEAST * found.train.before_um
     large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
@@ -86,7 +86,7 @@ def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_
     shown: list[tuple[Effect, float]] = []
     for k in large:
         # What cancels a part is on its line of the budget, and comes with it.
-        for label in (label_of_part(budget[k]), *getattr(budget[k], "cancelled", ())):
+        for label in (budget[k].label, *budget[k].cancelled):
             own_names, own_terms = pieces.get(label, ((), ()))
             names += own_names
             shown += own_terms
@@ -107,7 +107,7 @@ def _pieces(found: Diagnosis, result: SearchResult, stages: Stages) -> dict[str,
     if stages.has_background:
         for term in background_terms(result.calibrated_posterior):
             kind, axis = group_of(term.effect)
-            label = label_of_part(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis))
+            label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
             _, terms = pieces.get(label, ((), ()))
             pieces[label] = (), (*terms, (term.effect, term.times))
     return pieces | {label_of(one): ((one,), ()) for one in stages.effects[-1] if one in result.state.refined.effects}
