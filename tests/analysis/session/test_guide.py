@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from analysis.session.cell import Run
-from analysis.session.guide import Correct, Decide, Drive, Infer, next_of, why_nothing
+from analysis.session.next_step import Correct, Decide, Drive, Infer, next_of, why_nothing
 from analysis.session.state import Place, Session, Step, Try
 from rigs.errors import CellError
 from tests.support.session_cell import (
