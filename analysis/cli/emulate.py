@@ -16,8 +16,8 @@ from rigs.schema.vocabulary import Maker
 if TYPE_CHECKING:
     from daq.service.instance_lock import InstanceLock
 
-TRUTH, MARKS = "truth.json", "out-of-step.txt"
-"""Files beside the rig file of an emulated cell, and of a replayed one."""
+MARKS = "out-of-step.txt"
+"""A file beside the rig file of a replayed cell."""
 HiddenEffects = Annotated[
     str | None,
     typer.Option(
@@ -57,15 +57,15 @@ def emulate(
     end. show speed_percent 40, and the like, changes what the robot shows of
     its condition, not how it drives.
     """
-    import json  # noqa: PLC0415
     import signal  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from analysis.cli.emulated_keyboard import Keyboard  # noqa: PLC0415
+    from analysis.emulation.cell_files import write_cell_files  # noqa: PLC0415
+    from analysis.emulation.keyboard import Keyboard  # noqa: PLC0415
     from analysis.emulation.pendant import Pendant  # noqa: PLC0415
-    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
+    from analysis.setup.dialogue import has_keyboard  # noqa: PLC0415
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
-    from daq.store import durable  # noqa: PLC0415
     from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
 
@@ -80,15 +80,7 @@ def emulate(
         robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     lock = locked_cell(directory)
-    try:
-        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
-        for name, content in rig.beside.items():
-            durable.replace(directory / name, content)
-        durable.replace(
-            path, cell.rig_text(text, emulated=True).encode()
-        )  # the last: by the other it is known as an emulated cell's
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
     signal.signal(signal.SIGINT, lambda *_: ends.put(130))
@@ -98,9 +90,9 @@ def emulate(
             say(f"{name}: {port}")
         own = ", ".join(["run NAME"] if programs else PROGRAMS)
         say(f"ready; next: rigd {path}; then type here: {own} or quit")
-        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put)
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, say)
         keyboard.start()
-        keyboard.read()
+        keyboard.read(has_person=has_keyboard())
         exit_code = ends.get()
     finally:
         sent = cell.stop()
@@ -126,9 +118,10 @@ def locked_cell(directory: Path) -> InstanceLock:
 def rig_file_of_cell(directory: Path) -> Path:
     """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
     FileError for any other rig file."""
+    from analysis.emulation.cell_files import RIG, TRUTH  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
-    path = directory / "rig.yaml"
+    path = directory / RIG
     if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
     return path

@@ -39,6 +39,14 @@ def plan(
     runs: Annotated[
         int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
     ] = 3,
+    level: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            max=10,
+            help="How large everything else is that may be wrong with the arm, 1 as usual: the level of a diagnosis.",
+        ),
+    ] = 1.0,
     propose: Annotated[
         bool, typer.Option("--propose", help="Propose circles that make testable what these tests cannot show.")
     ] = False,
@@ -107,16 +115,16 @@ def plan(
         if propose:
             _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
         else:
-            _plan(rig, named, runs, as_json=as_json)
+            _plan(rig, named, runs, level, as_json=as_json)
 
 
-def _plan(rig: Rig, tests: Sequence[TestName], runs: int, *, as_json: bool) -> None:
+def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.inference.plan import plan as planned  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
 
     with progress_of("simulating the tests"):
-        found = planned(rig, tests, runs)
+        found = planned(rig, tests, runs, level)
     if as_json:
         say_json(plan_report.as_object(found))
     else:

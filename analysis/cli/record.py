@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -43,6 +43,13 @@ def start(
     placement: Annotated[
         str, typer.Option(help="Your name for where the instrument or the ball stands; default: none.")
     ] = "",
+    corrected: Annotated[
+        Literal["targets", "entries"] | None,
+        typer.Option(
+            help="What corrects the arm while it drives: a program's corrected targets, or values entered at its "
+            "controller; default: nothing."
+        ),
+    ] = None,
     rig: RigName = None,
 ) -> None:
     """Start a recording and print its run directory."""
@@ -55,6 +62,7 @@ def start(
             "direction": direction,
             "operator": operator_or_user(operator),
             "placement": placement,
+            "corrected": corrected or "",
         }
         say(client.ask("record_start", **fields)["run"])
 

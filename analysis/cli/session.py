@@ -64,6 +64,10 @@ def session(
             metavar="FILE", help="With --emulated: hidden effects, or the name of a shipped rig; default: none."
         ),
     ] = "",
+    fast: Annotated[
+        bool,
+        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in one or two."),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
     status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
     as_json: AsJson = False,
@@ -84,8 +88,9 @@ def session(
     if status:
         _show(place, text, as_json=as_json)
         return
-    if effects and not emulated:
-        raise UseError("--effects", "is allowed only with --emulated", "add --emulated")
+    for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
+        if is_given and not emulated:
+            raise UseError(option, "is allowed only with --emulated", "add --emulated")
     controller = maker or maker_of(rig.feedback.interface)
     if controller is None:
         raise UseError("--for", "is not given, and the feedback does not name the maker", "give --for")
@@ -101,6 +106,7 @@ def session(
         wait_min=wait_min,
         correct=correct,
         entered=entered,
+        fast=fast,
     )
     with _screen(aside=as_json) as screen:
         try:

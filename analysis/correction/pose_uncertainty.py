@@ -169,7 +169,8 @@ def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Arr
         rows = slice(begin, begin + _ROWS)
         left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
         squares[rows] = (left**2).sum(axis=(0, 2))
-    return np.sqrt(squares + known.unexplained_mm**2)
+    u_mm: Array = np.sqrt(squares + known.unexplained_mm**2)
+    return u_mm
 
 
 def displacements(known: PoseUncertainty, q: Array) -> Array:

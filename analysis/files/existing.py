@@ -1,4 +1,4 @@
-"""The one rule for files that are there already: docs/decisions/0032-existing-files.md.
+"""The one rule for files that are there already: docs/decisions/0034-existing-files.md.
 
 What records or decides something is never replaced. What only shows runs, pages, pictures and tables of figures, is
 made again under its name, where rig made what is there.

@@ -40,6 +40,7 @@ _SAMPLED = 100
 _COMMENTS = ("#", "%", "//")
 _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
+_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
 _MOSTLY = 0.9
 """Share of the rows that are numbers in a column of numbers."""
@@ -166,13 +167,18 @@ def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Itera
 def _sheet_text(rows: Iterable[tuple[Any, ...]]) -> bytes:
     import csv  # noqa: PLC0415
 
-    cells = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
+    cells = [["" if cell is None else _point(re.sub(r"\s+", " ", str(cell))) for cell in row] for row in rows]
     width = max(map(len, cells), default=0)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in cells:
         writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
     return text.getvalue().encode()
+
+
+def _point(cell: str) -> str:
+    """A cell of a workbook, with a point where its text is a number with a comma: columns are separated by commas."""
+    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:

@@ -57,7 +57,7 @@ def _schema() -> pa.Schema:
 
     words = pa.dictionary(pa.int32(), pa.string())
     columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
-    columns |= dict.fromkeys(("test", "direction", "placement", "program", "figure"), words)
+    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
     columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
     columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
     return pa.schema(columns)
@@ -89,4 +89,8 @@ def _of_run(record: Record) -> dict[str, Any]:
     with suppress(ValueError):
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB reads times with a zone through pytz alone
     places = {"test": record.test, "direction": record.direction}
-    return {"started_utc": started} | places | {"placement": record.placement, "program": record.program}
+    return (
+        {"started_utc": started}
+        | places
+        | {"placement": record.placement, "program": record.program, "corrected": record.corrected}
+    )

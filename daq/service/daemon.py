@@ -188,6 +188,7 @@ class Daemon:
             rig_text=self._rig_text,
             operator=label.operator,
             placement=label.placement,
+            corrected=label.corrected,
             view_zero_mm=label.view_zero_mm,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,

@@ -48,3 +48,8 @@ def maker_named(word: str) -> Maker | None:
 def maker_of(interface: str) -> Maker | None:
     """Return the maker whose controllers speak a feedback interface, which is named after it; None for any maker's."""
     return next((maker for maker in MAKERS if interface.startswith(f"{maker}_")), None)
+
+
+Build = Literal["industrial", "light", "torque_sensing"]
+"""How an arm is built, by which it is judged what is usual: with the reducers of large machines, with strain-wave gears
+as light arms and cobots, or with sensors of torque in its joints."""
