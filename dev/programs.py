@@ -64,9 +64,7 @@ def _one(draft: Draft, seed: int, table: Table, keep: Path, *, show: bool) -> No
 
 def _keep(verdict: Verdict, seed: int, keep: Path) -> None:
     """Write the program and its story to a directory that says the worst of its faults."""
-    worst = (
-        min(verdict.faults, key=lambda fault: (not grave(fault), fault.kind)).kind.replace(" ", "-").replace(",", "")
-    )
+    worst = min(verdict.faults, key=lambda fault: (not grave(fault), fault.kind)).kind.replace(" ", "-").replace(",", "")
     draft = verdict.draft
     directory = keep / f"{worst}-{draft.dialect}-{'plain-' if draft.plain else ''}{seed}"
     directory.mkdir(parents=True, exist_ok=True)

@@ -79,9 +79,7 @@ class Pen:
     def user_frame(self) -> Array:
         """Return a work frame (4, 4)."""
         place = self.rng.uniform((-300, -300, -100), (300, 300, 150)).round(1)
-        return frame(
-            place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True)
-        )
+        return frame(place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True))
 
     def small(self) -> Array:
         """Return a shift (3,) mm between stations."""

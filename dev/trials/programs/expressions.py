@@ -133,7 +133,7 @@ class Syntax:
     def _list(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
         items: list[tuple[str, Tree]] = []
         while tokens.peek() != end:
-            if tokens.peek() == ",":
+            if tokens.peek() == "," :
                 tokens.take()
                 continue
             keyword = ""
@@ -175,9 +175,7 @@ KRL = Syntax(
 )
 RAPID = Syntax(
     re.compile(
-        r"\s+|"
-        + _NUMBER
-        + r'|(?P<text>"[^"]*")|(?P<name>[A-Za-z_][\w]*)|(?P<mark>:=|<>|<=|>=|[-+*/<>=(){}\[\],.:;\\?])'
+        r"\s+|" + _NUMBER + r'|(?P<text>"[^"]*")|(?P<name>[A-Za-z_][\w]*)|(?P<mark>:=|<>|<=|>=|[-+*/<>=(){}\[\],.:;\\?])'
     ),
     (("OR", "XOR"), ("AND",), ("=", "<>", "<", ">", "<=", ">="), ("+", "-"), ("*", "/", "DIV", "MOD")),
     ("-", "+", "NOT"),

@@ -241,11 +241,7 @@ class Machine:
     def _relative(self, key: str, rest: str, place: Place) -> None:
         step, tool = self._as_shift(key), self._frame("tool", 0)
         now = self.robot.pose_now(tool)
-        X = (
-            now @ step
-            if "TF" in rest
-            else frame(now[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ now[:3, :3]))
-        )
+        X = now @ step if "TF" in rest else frame(now[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ now[:3, :3]))
         self.robot.pose(X @ np.linalg.inv(tool), tool[:3, 3], place, self._variable(key).src | {place})
 
     def _move(self, word: str, rest: str, text: str, place: Place) -> None:

@@ -46,101 +46,13 @@ _POINTS = {
     "ARCLSTART": 1, "ARCLEND": 1, "SPOTL": 1,
 }  # fmt: skip
 _STILL = frozenset(
-    [
-        "SET",
-        "RESET",
-        "SETDO",
-        "SETGO",
-        "SETAO",
-        "PULSEDO",
-        "INVERTDO",
-        "WAITTIME",
-        "WAITDI",
-        "WAITDO",
-        "WAITUNTIL",
-        "WAITGI",
-        "WAITROB",
-        "WAITAI",
-        "WAITGO",
-        "TPWRITE",
-        "TPERASE",
-        "TPREADFK",
-        "TPREADNUM",
-        "TPSHOW",
-        "ACCSET",
-        "VELSET",
-        "SINGAREA",
-        "GRIPLOAD",
-        "CLKSTART",
-        "CLKSTOP",
-        "CLKRESET",
-        "INCR",
-        "DECR",
-        "ADD",
-        "CLEAR",
-        "STOP",
-        "EXIT",
-        "BREAK",
-        "EXITCYCLE",
-        "ERRWRITE",
-        "ERRLOG",
-        "OPEN",
-        "CLOSE",
-        "WRITE",
-        "WRITEBIN",
-        "IDISABLE",
-        "IENABLE",
-        "IDELETE",
-        "ISLEEP",
-        "IWATCH",
-        "TRIGGIO",
-        "TRIGGEQUIP",
-        "TRIGGINT",
-        "TRIGGSPEED",
-        "CONFJ",
-        "CONFL",
-        "PDISPON",
-        "PDISPOFF",
-        "PDISPSET",
-        "EOFFSON",
-        "EOFFSOFF",
-        "EOFFSSET",
-        "SOFTACT",
-        "SOFTDEACT",
-        "ACTUNIT",
-        "DEACTUNIT",
-        "CONNECT",
-        "ISIGNALDI",
-        "ISIGNALDO",
-        "ITIMER",
-        "WAITSYNCTASK",
-        "SPEEDREFRESH",
-        "STOPMOVE",
-        "STARTMOVE",
-        "STOREPATH",
-        "RESTOPATH",
-        "CLEARPATH",
-        "LOAD",
-        "UNLOAD",
-        "MOTIONSUP",
-        "CIRPATHMODE",
-        "PATHACCLIM",
-        "PATHRESOL",
-        "WZDISABLE",
-        "RETURN",
-        "RAISE",
-        "TRYNEXT",
-        "RETRY",
-        "BOOKERRNO",
-        "UIMSGBOX",
-        "SOCKETCREATE",
-        "SOCKETCONNECT",
-        "SOCKETSEND",
-        "SOCKETRECEIVE",
-        "SOCKETCLOSE",
-        "ACTEVENTBUFFER",
-        "WORLDACCLIM",
-    ]
+    "SET RESET SETDO SETGO SETAO PULSEDO INVERTDO WAITTIME WAITDI WAITDO WAITUNTIL WAITGI WAITROB WAITAI WAITGO TPWRITE TPERASE TPREADFK "
+    "TPREADNUM TPSHOW ACCSET VELSET SINGAREA GRIPLOAD CLKSTART CLKSTOP CLKRESET INCR DECR ADD CLEAR STOP EXIT BREAK EXITCYCLE "
+    "ERRWRITE ERRLOG OPEN CLOSE WRITE WRITEBIN IDISABLE IENABLE IDELETE ISLEEP IWATCH TRIGGIO TRIGGEQUIP TRIGGINT "
+    "TRIGGSPEED CONFJ CONFL PDISPON PDISPOFF PDISPSET EOFFSON EOFFSOFF EOFFSSET SOFTACT SOFTDEACT ACTUNIT DEACTUNIT "
+    "CONNECT ISIGNALDI ISIGNALDO ITIMER WAITSYNCTASK SPEEDREFRESH STOPMOVE STARTMOVE STOREPATH RESTOPATH CLEARPATH LOAD UNLOAD "
+    "MOTIONSUP CIRPATHMODE PATHACCLIM PATHRESOL WZDISABLE RETURN RAISE TRYNEXT RETRY BOOKERRNO UIMSGBOX "
+    "SOCKETCREATE SOCKETCONNECT SOCKETSEND SOCKETRECEIVE SOCKETCLOSE ACTEVENTBUFFER WORLDACCLIM".split()
 )
 """Instructions of the reference that move nothing; those that set something of a pose are looked at before."""
 
@@ -365,7 +277,7 @@ class Program:
         if t.peek() == "(":
             t.take()
             t.take(")")
-        arguments = RAPID._list(t, ";")
+        arguments = RAPID._list(t, ";")  # noqa: SLF001
         where = t.span(begin)
         return Do(place, lambda m: m.instruction(name, arguments, place, where))
 
@@ -443,10 +355,7 @@ class Machine:
             if stated is None and kind == wanted:
                 stated = self.world.shift(name)
             if stated is not None:
-                pose = [
-                    stated[:3, 3].tolist(),
-                    Rotation.from_matrix(stated[:3, :3]).as_quat(scalar_first=True).tolist(),
-                ]
+                pose = [stated[:3, 3].tolist(), Rotation.from_matrix(stated[:3, :3]).as_quat(scalar_first=True).tolist()]
                 unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
                 return [True, pose, []] if key == "tool" else [False, True, "", pose, unit]
         if kind == "POSE":
@@ -517,11 +426,7 @@ class Machine:
             case "CJOINTT":
                 return [np.degrees(self.robot.q).tolist(), [9e9] * 6], src
             case "CALCJOINTT":
-                F = (
-                    _wobj(keyed.get("WOBJ", self._read("WOBJ0")[0]))
-                    @ _frame(plain[0])
-                    @ np.linalg.inv(_frame(plain[1][1]))
-                )
+                F = _wobj(keyed.get("WOBJ", self._read("WOBJ0")[0])) @ _frame(plain[0]) @ np.linalg.inv(_frame(plain[1][1]))
                 q = self.robot.solve(F, self.robot.q)
                 if q is None:
                     raise Ended
@@ -539,7 +444,9 @@ class Machine:
                 return _pose_of(self.world.shift(name)), src
         return self.world.number(name), src
 
-    def instruction(self, name: str, arguments: list[tuple[str, Tree]], place: Place, where: frozenset[Place]) -> None:
+    def instruction(
+        self, name: str, arguments: list[tuple[str, Tree]], place: Place, where: frozenset[Place]
+    ) -> None:
         """Do one instruction."""
         if name not in self.program.routines and name in ("CONNECT", "ISIGNALDI", "ITIMER"):
             self._interrupts(name, arguments)
@@ -594,9 +501,7 @@ class Machine:
         count = _POINTS[name]
         if name == "SEARCHL":
             plain, count = plain[2:], 1
-        tools = [
-            value for value, _ in plain[count:] if isinstance(value, list) and len(value) == 3 and len(value[1]) == 2
-        ]
+        tools = [value for value, _ in plain[count:] if isinstance(value, list) and len(value) == 3 and len(value[1]) == 2]
         if not tools:
             raise Ended
         tool, wobj = tools[0], keyed.get("WOBJ", self._read("WOBJ0"))[0]

@@ -360,9 +360,7 @@ class Machine:
         return [float(one) for one in q]
 
     def _move(self, name: str, keyed: dict[str, Value], plain: list[Value], line: _Line) -> None:
-        targets = plain[: 2 if name == "movec" else 1] + [
-            keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed
-        ]
+        targets = plain[: 2 if name == "movec" else 1] + [keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed]
         for value, src in targets:
             if not isinstance(value, list):
                 raise Ended

@@ -33,7 +33,7 @@ from tests.support.recorded_lap import recorded
 from tests.support.simulated_laps import lap_run, watched_lap
 
 GATE = Gate.of([], None)
-TOKEN = "0123456789abcdef"
+TOKEN = "0123456789abcdef"  # noqa: S105 - of this test
 _MESSAGE = struct.Struct("<BIQ")
 """A message of the protocol: its kind, the subscription, its time in ns (github.com/foxglove/ws-protocol)."""
 
