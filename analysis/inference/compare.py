@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +26,9 @@ from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.inference.disagreement import Disagreement
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,14 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges."""
+    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges. `disagreement` is
+    where model and readings disagree, None where that was not asked."""
 
     runs: tuple[Comparison, ...]
     setups: dict[str, SetUp]
     doubts: tuple[str, ...]
     poses: tuple[PoseComparison, ...] = ()
+    disagreement: Disagreement | None = None
 
     def to_table(self) -> pa.Table:
         """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
@@ -107,6 +112,7 @@ class Compared(Tabular):
                 "poses": [asdict(one) for one in self.poses],
                 "setup": setups,
                 "doubts": self.doubts,
+                **(self.disagreement.to_dict() if self.disagreement else {}),
             }
         )
         return plain
