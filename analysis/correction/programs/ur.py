@@ -61,7 +61,8 @@ _DECLARED = re.compile(
 _EVENT = re.compile(
     r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
     r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
-    r"|(?<![\w.])(?P<flow>end|if|elif|else|while|for|switch|case|default|return|break|continue|halt)(?!\w)"
+    r"|(?<![\w.])(?P<flow>(?:end|if|elif|else|while|return|break|continue|halt)(?!\w)"
+    r"|(?:for|switch|case|default)\b(?=[^\n=]*:[ \t]*$))"
     r"|(?<![\w.])(?P<call>[A-Za-z_]\w*)[ \t]*\("
     r"|(?P<mark>[:\n])"
 )
@@ -222,6 +223,8 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
             waiting = _mark(reader, event["mark"], waiting)
         else:
             waiting = _flow(reader, event, waiting)
+    if len(reader.open) > 1 or reader.blocks.depth:
+        _misnested(reader, len(reader.text) - 1)
     while len(reader.open) > 1:
         _end_routine(reader)
     reader.routines[""] = reader.open[0][1].done()
@@ -270,6 +273,8 @@ def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
                 blocks.close()
             elif len(reader.open) > 1:
                 _end_routine(reader)
+            else:
+                _misnested(reader, event.start())
     return ""
 
 
@@ -280,6 +285,11 @@ def _end_routine(reader: _Reader) -> None:
         reader.routines[f"{name} {len(reader.routines)}"] = (Forget(why), *blocks.done())
     else:
         reader.routines[name] = blocks.done()
+
+
+def _misnested(reader: _Reader, place: int) -> None:
+    """Blocks that do not end where they should are of a language that is not known: anything may happen."""
+    reader.beside.append(Call("\0", reader.why(place, "the blocks do not end where they should")))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:

@@ -276,6 +276,8 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
     conditional = re.search(r"\bIF\b", call["rest"])
     if conditional:
         reader.blocks.branch()
+    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
+        reader.blocks.add(Lose("USER", reader.why(f"{call['job']} is called in another user frame")))
     reader.blocks.add(statement)
     if conditional:
         reader.blocks.close()

@@ -125,6 +125,12 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a variable of a routine's own": (
         TCP + "a = {p1}\ndef f(a):\nmovel(a)\nend\nmovej({q0})\nf(p[0,0,0,0,0,0])\n", [(2, "changed")]
     ),
+    "a word that is no word of the language here": (
+        TCP + "movej({q0})\nif a:\n" + OTHER + "default = 1\nmovel({p1})\nend\n", []
+    ),
+    "blocks that do not end": (
+        TCP + "movej({q0})\nwhile a:\nmovel({p1})\n", [(2, "not_understood"), (4, "not_understood")]
+    ),
     "a usual program": (
         "def prog():\nset_standard_analog_input_domain(0, 1)\nset_tool_voltage(0)\nset_gravity([0.0, 0.0, 9.82])\n"
         "set_payload(1.2, [0,0,0])\nmodbus_add_signal(\"1\", 255, 1, 0, \"M\", False)\n" + TCP
