@@ -411,8 +411,7 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
     text = reader.texts[reader.file]
     kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
     places = arguments(text, found.start("rest"), found.end("rest"))
-    if text[places[0][0] : places[0][1]].startswith("\\"):  # \Conc
-        places = places[1:]
+    places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
     count = 2 if kind == "C" else 1
     if len(places) < count + 3:
         _leave(reader, at, "computed", found[0])
