@@ -272,7 +272,7 @@ def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> No
                 blocks.close()
         case "TEST":
             _functions(reader, begin, end)
-            blocks.branch()
+            blocks.cases()
         case "ELSEIF" | "CASE":
             blocks.other()
             _functions(reader, begin, end)
@@ -350,6 +350,7 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
     """Take an instruction, an assignment or a call."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, blocks = reader.texts[reader.file], reader.blocks
+    begin += len(text[begin:end]) - len(text[begin:end].lstrip())
     if _DATA.match(text, begin, end) or not text[begin:end].strip():
         _functions(reader, begin, end)
         return

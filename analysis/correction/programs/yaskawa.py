@@ -231,8 +231,10 @@ def _instruction(reader: _Reader, text: str) -> None:
 def _flow(blocks: Blocks, word: str) -> bool:
     """Take a word of a block of the language, if it is one."""
     match word:
-        case "IFTHEN" | "IFTHENEXP" | "IF" | "SWITCH":
+        case "IFTHEN" | "IFTHENEXP" | "IF":
             blocks.branch()
+        case "SWITCH":
+            blocks.cases()
         case "ELSEIF" | "ELSEIFEXP" | "CASE":
             blocks.other()
             blocks.guard()
