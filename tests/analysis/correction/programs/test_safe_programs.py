@@ -296,7 +296,8 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "a base in every case": (
         {
-            "a.src": HEAD + "$BASE=BASE_DATA[3]\nSWITCH n\nCASE 1\n$BASE=BASE_DATA[2]\nDEFAULT\n$BASE=BASE_DATA[2]\nENDSWITCH\nPTP {p1}\nEND\n"
+            "a.src": HEAD + "$BASE=BASE_DATA[3]\nSWITCH n\nCASE 1\n$BASE=BASE_DATA[2]\n"
+            "DEFAULT\n$BASE=BASE_DATA[2]\nENDSWITCH\nPTP {p1}\nEND\n"
         },
         [],
     ),
