@@ -98,7 +98,11 @@ class Writer:
         if what == "moves":
             other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(other, scope, pen.astray())]
         elif what == "mixed":
-            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *(one for _ in range(3) for one in self.line(other, scope))]
+            other.lines = [
+                "  UFRAME_NUM=1",
+                "  UTOOL_NUM=1",
+                *(one for _ in range(3) for one in self.line(other, scope)),
+            ]
         elif what == "offset":
             other.lines = ["  OFFSET CONDITION PR[9]"]
         elif what == "select":
@@ -234,10 +238,22 @@ class Writer:
         k = self.position(text, scope, pen.near())
         lines = [pen.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
         lines = lines if pen.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
-        return [*lines, f"L P[{k}] 100mm/sec FINE    ", pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"])]
+        return [
+            *lines,
+            f"L P[{k}] 100mm/sec FINE    ",
+            pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"]),
+        ]
 
     def unknown(self) -> list[str]:
-        return [self.pen.pick([f"  CALL {self.pen.name(upper=True)}    ", "  CALL VISION_FIND(1)", f"  RUN {self.pen.name(upper=True)}"])]
+        return [
+            self.pen.pick(
+                [
+                    f"  CALL {self.pen.name(upper=True)}    ",
+                    "  CALL VISION_FIND(1)",
+                    f"  RUN {self.pen.name(upper=True)}",
+                ]
+            )
+        ]
 
     def jump(self, text: _Text, scope: _Scope) -> list[str]:
         if scope.depth or not self.others:
