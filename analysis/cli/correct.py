@@ -96,6 +96,9 @@ def correct(
     programs: _Programs = None,
     tools: _Tools = None,
     frames: _Frames = None,
+    whole: Annotated[
+        bool, typer.Option("--all-or-nothing", help="Write only programs of which no target was left as it was.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
@@ -103,6 +106,7 @@ def correct(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.controllers import scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig, target_errors  # noqa: PLC0415
+    from analysis.correction.corrected_program import Programs  # noqa: PLC0415
     from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -112,8 +116,8 @@ def correct(
     maker = controller or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
-        known = frames_of(rig.robot, tools or (), frames or ())
-        found = correct_rig(rig, path, maker, factors, entered=entered, programs=programs or (), frames=known)
+        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole)
+        found = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
         written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))

@@ -40,6 +40,7 @@ _HEAD = """\
 # controller: changes of the controller's own parameters that hold most of the whole model; either these or the above.
 # The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
 # u: standard uncertainty.
+# programs: no real controller has run a program that rig corrected; a person tries each at reduced speed first.
 """
 
 
@@ -256,7 +257,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
         given_path, given, targets = found.path
         files[f"corrected-{given_path.name}"] = partial(write_csv, corrected_columns(given, targets))
     for program in found.programs:
-        for name, data in program.files.items():
+        for name, data in ({} if program.held else program.files).items():
             if name in files:
                 raise FileError(
                     name, "would be written twice", "correct programs of one name into directories of their own"
