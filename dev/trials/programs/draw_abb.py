@@ -84,7 +84,9 @@ class Writer:
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine(scope)
         body = self._joint(pen.near())
-        if pen.maybe(0.4):
+        if pen.plain and pen.maybe(0.15):  # as post-processors begin
+            body = ["ConfL \\Off;", "ConfJ \\Off;", *body]
+        elif pen.maybe(0.4):
             body = [f"{pen.pick(['ConfJ', 'ConfL'])}\\On;", *body]
         for _ in range(pen.whole(4, 9)):
             body += self.line(scope)

@@ -78,7 +78,7 @@ class Writer:
             number += 1
             rows.append(f"{number:4d}:{first}" + (" ;" if not rest else "    "))
             rows += [f"    :{one} ;" for one in rest]
-        track = ""
+        track = pen.pick(["", "", "/APPL\n\nAUTO_SINGULARITY_HEADER;\n  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;\n"])
         if not pen.plain and pen.maybe(0.08):
             track = "/APPL\n  LINE_TRACK;\n    LINE_TRACK_SCHEDULE_NUMBER      : 1;\n    LINE_TRACK_BOUNDARY_NUMBER      : 1;\n    CONTINUE_TRACK_AT_PROG_END      : FALSE;\n"
         head = (
@@ -163,7 +163,14 @@ class Writer:
     def move(self, text: _Text, scope: _Scope) -> list[str]:
         pen = self.pen
         k = self.position(text, scope, pen.near())
-        kind = pen.pick([f"J P[{k}] 30% CNT50", f"L P[{k}] 200mm/sec FINE", f"L P[{k}:PUNKT] 50mm/sec CNT20 ACC80"])
+        kind = pen.pick(
+            [
+                f"J P[{k}] 30% CNT50",
+                f"L P[{k}] 200mm/sec FINE",
+                f"L P[{k}:PUNKT] 50mm/sec CNT20 ACC80",
+                f"J P[{k}] 100% CNT100 TB    .10sec,DO[5]=ON",
+            ]
+        )
         return [f"{kind}    "]
 
     def again(self, text: _Text, scope: _Scope) -> list[str]:

@@ -52,7 +52,12 @@ class Writer:
                 self._put(name, [f"$OUT[3]={on}", "WAIT SEC 0.3"], "still")
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine(scope)
-        body = [";FOLD INI;%{PE}", "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)", *self.begin(scope), *self.joint(pen.near())]
+        stop = ["  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )", "  INTERRUPT ON 3 "]
+        body = [";FOLD INI;%{PE}", *(stop if pen.maybe(0.5) else []), "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)"]
+        body += pen.pick(
+            [[], ["BAS (#VEL_PTP,50)", "BAS (#ACC_PTP,50)"], ["PTP $AXIS_ACT ; skip BCO quickly"], ["$H_POS=XHOME"]]
+        )
+        body += [*self.begin(scope), *self.joint(pen.near())]
         for _ in range(pen.whole(4, 9)):
             body += self.line(scope)
         main = self._text("pick", body, "DEF")

@@ -20,7 +20,8 @@ PREFIXES = (
 )  # fmt: skip
 NOUNS = ("part", "down", "home", "tray", "tool", "box", "up", "go", "side", "off", "on", "safe", "back", "station")
 WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN {X 1.0, Y 2.0, Z 3.0}",
-         "J P[1] 100% FINE", "set_tcp(p[0,0,0,0,0,0])", "$TOOL = {X 1}", "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
+         "J P[1] 100% FINE", "set_tcp(p[0,0,0,0,0,0])", "$TOOL = {X 1}",
+         "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
 
 
 @dataclass(frozen=True)

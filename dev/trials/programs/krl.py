@@ -263,13 +263,13 @@ class Machine:
                     break
             self._move(word, text[len(word) :], line)
             return
+        if re.match(r"(?i)(GLOBAL\s+)?INTERRUPT\b|TRIGGER\b", text):
+            self._interrupt(text)
+            return
         if word in ("DECL", "GLOBAL", "CONST") or re.match(
             r"(?i)(E6POS|FRAME|POS|AXIS|E6AXIS|INT|REAL|BOOL)\s+\w", text
         ):
             self.declare(text, line)
-            return
-        if word in ("INTERRUPT", "TRIGGER"):
-            self._interrupt(text)
             return
         if self._assigned(text, line):
             return
@@ -406,6 +406,8 @@ class Machine:
                 return self._read(f"BASE_DATA[{int(first)}]")
             case "SIPO_MODE":
                 return first, src
+            case "IR_STOPM":  # KUKA's own for stop messages, which drives nowhere
+                return True, src
             case (
                 "ABS"
                 | "SQRT"
@@ -442,6 +444,8 @@ class Machine:
                 variables["$IPO_MODE"] = (active.get("IPO_FRAME", "#BASE"), _NOWHERE)
 
     def _move(self, word: str, text: str, line: _Line) -> None:
+        if re.match(r"(?i)\s*\$AXIS_ACT\b", text):
+            return  # to where the arm stands
         text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
         state = {name: self._read(name)[0] for name in ("$TOOL", "$BASE", "$IPO_MODE")}
         for name in state:
