@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.support.stalls import Stalls
 
-pytest_plugins = ["tests.support.cpu_limit"]
+pytest_plugins = ["tests.support.cpu_limit", "tests.support.durations"]
 TRIES = 3
 _UNJUDGED = f"each of {TRIES} tries was held up, so nothing follows from it"
 MOST_UNJUDGED = 3

@@ -31,14 +31,15 @@ NO_PROGRAMS = Programs()
 class WorkError:
     """The error of the tool's place over the work of a rig, root mean square in µm, in a frame that is taught with the
     robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard uncertainty: `u_um`
-    of the model and the rest of what no target holds. `base` is the same in the robot's own base, and `base_u_um` what
-    the place of the whole arm on its base adds to the uncertainty."""
+    of the model and the rest of what no target holds. `model_um` is what of it can be corrected. `base` is the same in
+    the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the uncertainty."""
 
     before_um: float
     after_um: float
     u_um: float
     base: InBase
     base_u_um: float
+    model_um: float
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,12 @@ def correct_rig(
         )
     if len(rig.robot.axes) > FEWEST_AXES and (controller or programs.paths):
         what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
-        raise UseError("--controller, --program", what, "give joint targets with --path")
+        raise UseError("--for, --program", what, "give joint targets with --path")
     if rig.robot.rail and (controller or programs.paths):
         what = "an arm on a rail: controllers' entries and programs are known of arms that stand"
-        raise UseError("--controller, --program", what, "give joint targets with --path")
+        raise UseError("--for, --program", what, "give joint targets with --path")
     if entered and not (path and controller):
-        raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
+        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
         raise UseError(
             "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
@@ -122,7 +123,7 @@ def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
 
     in_base = InBase(*errors(np.linalg.norm(is_at - wanted, axis=1), u_mm))
     rest = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
-    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm))
+    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest))
 
 
 def _targets(

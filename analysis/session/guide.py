@@ -63,7 +63,9 @@ class Drive:
 
 @dataclass(frozen=True)
 class Infer:
-    """What there is, is understood."""
+    """What there is, is understood. joins: whether the runs of the place that has judged are used as well."""
+
+    joins: bool = False
 
 
 @dataclass(frozen=True)
@@ -115,12 +117,24 @@ def _correcting(session: Session) -> Action | None:
     """What comes next from the last inference to the last run after the correction, None after that."""
     answer, correction = session.answer, session.correction
     if correction is None:
-        counts = len(session.runs_for("find")), len(session.runs_for("judge"))
-        return Correct() if answer and (answer.runs, answer.judges) == counts else Infer()
+        return _understanding(session, answer) or Correct()
     if correction.way == "entries" and not correction.entered:
         return Enter()
     number = _open(session, "verify")
     return None if number is None else Drive(number)
+
+
+def _understanding(session: Session, answer: Answer | None) -> Action | None:
+    """What comes next until all runs are understood and nothing more is measured, None after that.
+
+    The other place judges first what was found without it; then its runs join, and what they show as well decides.
+    """
+    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    if answer is not None and session.is_last(answer):
+        return None if session.decided == answer.runs else Decide()
+    judged = session.judged
+    has_judged = judged is not None and (judged.runs, judged.judges) == (found, judges)
+    return Infer(joins=True) if has_judged else Infer()
 
 
 def _open(session: Session, purpose: Purpose) -> int | None:
@@ -136,6 +150,22 @@ def is_answered(session: Session, answer: Answer) -> bool:
     return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
 
 
+def why_nothing(session: Session) -> str:
+    """Return why the robot is not corrected by what was found, in a sentence; empty where it may be.
+
+    Where the other place judged, its verdict counts, and not that of the last answer, which nothing judged.
+    """
+    answer = session.judged or session.answer
+    return _WHY_NOTHING.get(answer.ground, "") if answer else ""
+
+
+_WHY_NOTHING = {
+    "unknown_cause": "Correct nothing: what explains most of the error is in no library, and a correction that leaves "
+    "it out may add to the error elsewhere. --correct programs corrects by it all the same.",
+    "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
+    "corrects by it all the same.",
+}
+"""By the ground on which nothing is corrected (`rigs.calibration.ground_of`)."""
 _REPEATS = 2
 """Runs of a circle in each direction, at least, before its scatter is measured."""
 
@@ -160,6 +190,8 @@ class Guide:
         self._rig, self._text = load(session.rig_file)
         self._words = Words(place.directory, screen)
         self._inference: Infers | None = None
+        self._ahead: Infers | None = None
+        """The last diagnosis, begun beside the one that the other place judges."""
         self._stage, self._driving = "", -1
         self._known: dict[str, dict[str, Program]] = {}
         """The programs of each stage, until the steps change."""
@@ -175,8 +207,8 @@ class Guide:
             match next_of(self.session):
                 case Drive(number):
                     self._drive(number)
-                case Infer():
-                    self._await_inference()
+                case Infer() as asked:
+                    self._await_inference(asked)
                 case Decide():
                     self._decide()
                 case Correct():
@@ -297,7 +329,7 @@ class Guide:
         if of is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        self._keep_try(of, Try(run=run.name, why=run.why))
+        self._keep_try(of, Try(run=run.name, why=run.why, held_up=run.held_up))
         if run.why:
             self._hold_tries(of)
         else:
@@ -311,8 +343,13 @@ class Guide:
         """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
-            what = f"was driven {MOST_TRIES} times in vain, the last time: {step.tries[-1].why}"
-            raise CellError(step.program, what, "look at the cell (rig doctor); the same command goes on here")
+            vain = f"after {MOST_TRIES} failed attempts at {step.program}"
+            if any(one.held_up for one in step.tries[-MOST_TRIES:]) or self.session.emulated:
+                what = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
+                remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
+                raise CellError("this computer", what, remedy)
+            remedy = "look at the cell (rig doctor); the same command goes on here"
+            raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
 
     # ------------------------------------------------------------------------------------------------------------------
     # Understanding.
@@ -325,17 +362,29 @@ class Guide:
         judged = _open(self.session, "judge") is None and _open(self.session, "find") is None
         is_new = len(ways) > 1 and (len(found) > known or judged)
         if is_new and self._inference is None and self.session.correction is None:
-            self._begin_inference()
+            self._inference = self._begun(Infer())
 
-    def _begin_inference(self) -> None:
+    def _begun(self, asked: Infer) -> Infers:
+        """Begin to understand what there is; where the other place judges, with its runs among those used as well."""
+        ahead, self._ahead = self._ahead, None
+        if asked.joins and ahead is not None:
+            return ahead
+        find, judge = ([self._run(step) for step in self.session.runs_for(one)] for one in ("find", "judge"))
+        if asked.joins:
+            return self._started([*find, *judge], [])
+        begun = self._started(find, judge)
+        if judge and _open(self.session, "judge") is None:  # both at once, since a computer has two cores
+            self._ahead = self._started([*find, *judge], [])
+        return begun
+
+    def _started(self, used: Sequence[Path], judges: Sequence[Path]) -> Infers:
         found = self._place.directory / "found"
         number = 1 + max((int(path.name) for path in found.glob("[0-9]*") if path.name.isdigit()), default=0)
         while (found / f"{number:02d}.json").exists():
             number += 1
-        used, judges = ([self._run(step) for step in self.session.runs_for(one)] for one in ("find", "judge"))
         first = self.session.stages[0].name
         model = self._place.directory / "cells" / f"{first}.yaml"
-        self._inference = self._start_inference(used, judges, model, found / f"{number:02d}")
+        return self._start_inference(used, judges, model, found / f"{number:02d}")
 
     def _run(self, step: Step) -> Path:
         assert step.run is not None  # noqa: S101 - of a step that was driven
@@ -349,10 +398,10 @@ class Guide:
             except RigError as error:  # more runs follow, and with them another one
                 self._screen.say(f"  not understood yet: {error.what}")
 
-    def _await_inference(self) -> None:
+    def _await_inference(self, asked: Infer) -> None:
         """Wait for an answer about all runs."""
         if self._inference is None:
-            self._begin_inference()
+            self._inference = self._begun(asked)
         began_s = clock.now_s()
         while self._inference is not None and not self._inference.is_done:
             self._screen.show(
@@ -365,7 +414,10 @@ class Guide:
         assert self._inference is not None  # noqa: S101 - one has come
         inference, self._inference = self._inference, None
         answer, before = inference.result(), self.session.answer
-        self._keep(answer=answer)
+        judges = len(self.session.runs_for("judge"))
+        if judges and answer.runs > len(self.session.runs_for("find")):
+            answer = answer.model_copy(update={"joined": judges})
+        self._keep(answer=answer, judged=answer if answer.judges else self.session.judged)
         self._words.answer(answer, before)
         if self.session.aim == "faults" and not self.session.answered and is_answered(self.session, answer):
             self._stop_early()
@@ -391,7 +443,7 @@ class Guide:
         assert answer is not None  # noqa: S101 - it decides
         more = self._more(answer) if self.session.aim != "check" else None
         if more is None:
-            self._keep(answered=answer.condition)
+            self._keep(answered=answer.condition, decided=answer.runs if self.session.is_last(answer) else 0)
             return
         stage, steps = more
         known = [one.name for one in self.session.stages]
@@ -409,16 +461,20 @@ class Guide:
         if len(self.session.stages) >= 2 + _MOST_MORE:
             return None
         found: tuple[Stage, tuple[Step, ...]] | None = None
-        if answer.condition == "ambiguous" and answer.next_test:
+        if answer.next_test and (answer.condition == "ambiguous" or self.session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in self.session.runs_for("find")))
             found = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
         elif answer.condition == "undecided":
             found = self._repeats(answer)
-        if found is None:
+        if found is None or self._is_driven_anyway(found[0]):
             return None
         rest = [step for step in self.session.steps if step.is_open]
         need = minutes_of((found[0],), (*found[1], *rest), self._pace)
         return found if self.session.driven_minutes + need <= self.session.minutes else None
+
+    def _is_driven_anyway(self, stage: Stage) -> bool:
+        """Whether a test is at the place that judges, whose runs join the last diagnosis."""
+        return stage.circle is not None and stage.circle in [one.circle for one in self.session.stages]
 
     def _repeats(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return the same once more in each direction, where that may decide."""
@@ -446,7 +502,8 @@ class Guide:
         """Make the correction and its files; return the programs that it changes."""
         directory = self._place.directory / CORRECTIONS
         main = self.session.stages[0].name
-        runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        here = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        runs = here, [self._run(step) for step in self.session.runs_for("judge")]
         made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
         self._known = {}
         self._made = made.correction
@@ -472,6 +529,8 @@ class Guide:
         assert answer is not None  # noqa: S101 - it is corrected by it
         if not answer.model:
             self._keep(correction=self._nothing(f"Nothing can be corrected: {answer.next_step}"))
+        elif (why := why_nothing(self.session)) and self._wanted in (None, "none"):
+            self._keep(correction=self._nothing(why))
         else:
             programs = self._make_correction(self._wanted)
             self._corrected = programs

@@ -12,10 +12,10 @@ import yaml
 
 from daq import clock
 from daq.protocol.conversation import FaultKind
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import Deadlock, SimulatedClock
 from daq.store import read_run
 from tests.support.bench import ByHand, rig_text
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import Deadlock, SimulatedClock
 
 START = {"command": "record_start", "name": "lap", "test": "yaw", "direction": "acw"}
 

@@ -19,10 +19,10 @@ from daq import clock
 from daq.emulators import Motion
 from daq.protocol.conversation import Device
 from daq.service.daemon import Daemon
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import SimulatedClock
 from tests.support.bench import ByHand, Watched, rig_text
 from tests.support.command_line import ran
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import SimulatedClock
 
 _AFTERWARDS_S = 0.2
 """So much longer is recorded than the robot drives."""

@@ -272,7 +272,7 @@ def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> No
                 blocks.close()
         case "TEST":
             _functions(reader, begin, end)
-            blocks.branch()
+            blocks.cases()
         case "ELSEIF" | "CASE":
             blocks.other()
             _functions(reader, begin, end)
@@ -350,6 +350,7 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
     """Take an instruction, an assignment or a call."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, blocks = reader.texts[reader.file], reader.blocks
+    begin += len(text[begin:end]) - len(text[begin:end].lstrip())
     if _DATA.match(text, begin, end) or not text[begin:end].strip():
         _functions(reader, begin, end)
         return
@@ -411,8 +412,7 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
     text = reader.texts[reader.file]
     kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
     places = arguments(text, found.start("rest"), found.end("rest"))
-    if text[places[0][0] : places[0][1]].startswith("\\"):  # \Conc
-        places = places[1:]
+    places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
     count = 2 if kind == "C" else 1
     if len(places) < count + 3:
         _leave(reader, at, "computed", found[0])

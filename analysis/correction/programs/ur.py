@@ -134,6 +134,7 @@ _NOTHING = words("""
     """)
 """What leaves the arm, its tool and its base as they are: the functions of the manual that compute, read, write
 outputs and registers, wait, or speak; `get_inverse_kin` is a target where a move has it."""
+_TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _LONGEST = 1000
@@ -237,8 +238,10 @@ def _mark(reader: _Reader, mark: str, waiting: str) -> str:
             reader.blocks.add(End())
         return "" if waiting == "return" else waiting
     match waiting:
-        case "if" | "switch":
+        case "if":
             reader.blocks.branch()
+        case "switch":
+            reader.blocks.cases()
         case "elif" | "case":
             reader.blocks.guard()
         case "while" | "for":
@@ -303,7 +306,10 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
             _leave(reader, at, "computed", name)
             return
         places = arguments(reader.text, event.end(), end)
-        for place in places[: 2 if name in ("movec", "servoc") and len(places) > 1 else 1]:
+        named = [place for place in places if _TARGET.match(reader.text, *place)]
+        named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
+        count = 2 if name in ("movec", "servoc") and len(places) > 1 else 1
+        for place in named or places[:count]:
             _target(reader, name, *place)
         if name in _STREAMED:
             blocks.add(Elsewhere())
@@ -356,7 +362,7 @@ def _target(
 ) -> None:
     """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad."""
     text, line = reader.text, reader.lines.at(begin)
-    if named := re.compile(r"(?:q|pose|pose_via|pose_to|q_near|x)\s*=\s*").match(text, begin, end):
+    if named := _TARGET.match(text, begin, end):
         begin = named.end()
     if not solved and (inverse := _INVERSE.match(text, begin, end)) and "get_inverse_kin" not in reader.defined:
         _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))

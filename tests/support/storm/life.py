@@ -17,11 +17,11 @@ from daq.acquisition.host_clock import HOST
 from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import FaultKind
 from daq.service.daemon import Daemon
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import SimulatedClock
 from daq.store.manifest import is_run
 from rigs.errors import CellError, RigError
 from rigs.load import parse
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import SimulatedClock
 from tests.support.storm.disk import Disk
 from tests.support.storm.ledger import Instruments
 from tests.support.storm.worlds import Blow, World, what_to_record

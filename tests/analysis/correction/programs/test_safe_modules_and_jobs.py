@@ -65,6 +65,7 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(11, "unknown_tool")],
     ),
     "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "not_understood")]),
+    "a work object after a comma": (_module(J0 + "MoveL {p1},v9,fine,t,\\WObj:=wobj0;\n"), []),
     "a displacement": (_module(J0 + "PDispSet p;\n" + L1 + "PDispOff;\n" + L2), [(7, "displaced")]),
     "one from two points": (_module(J0 + "PDispOn\\Rot,pA,t;\n" + L1), [(7, "displaced")]),
     "one in a branch": (_module(J0 + "IF a THEN\nPDispSet p;\nENDIF\n" + L1), [(9, "not_understood")]),
@@ -205,6 +206,10 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     ),
     "a frame in a branch": (
         {"a.ls": _listing("IF R[1]=1,UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
+    ),
+    "a frame after a jump of a camera": (
+        {"a.ls": _listing("VISION GET_OFFSET 'V' VR[1] JMP LBL[1]", "UFRAME[3]=PR[5]", "LBL[1]", L2_)},
+        [("P[2]", "unknown_frame")],
     ),
     "a frame after a jump": (
         {"a.ls": _listing("LBL[1]", L2_, "UFRAME[3]=PR[5]", "JMP LBL[1]")}, [("P[2]", "unknown_frame")]

@@ -15,11 +15,11 @@ from daq.emulators import Motion
 from daq.emulators.instruments import instruments_of
 from daq.protocol.conversation import Device, Fault, Item, Step
 from daq.service.daemon import Daemon
+from daq.simulated.clock import SimulatedClock, close_files_in
 from daq.wire.links import LinkLost
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import udp_address
-from tests.support.simulated_clock import SimulatedClock, close_files_in
 
 _NETWORK_NS = 100_000
 _ROUND_S = 0.2
