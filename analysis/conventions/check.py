@@ -14,6 +14,7 @@ from analysis.conventions.gauge_sign import sign_findings
 from analysis.conventions.joints import JOINTS, cannot_tell, joint_findings
 from analysis.conventions.place import PLACE, STAMPS, place_findings, stamp_findings
 from analysis.conventions.repeats import repeat_findings
+from analysis.conventions.source import SOURCE, source_findings
 from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.conventions.wildness import WILDNESS, wild_findings
@@ -73,9 +74,12 @@ def doubts_of(run: Measured) -> tuple[str, ...]:
 
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that no run can have as it is labelled."""
-    for finding in () if isinstance(run.table, PathTable) else unit_findings(run.table, run.rig):
-        if finding.strength == "impossible":
-            raise FileError(where, finding.what, finding.remedy)
+    if isinstance(run.table, PathTable):
+        return
+    for find in (unit_findings, source_findings):
+        for finding in find(run.table, run.rig):
+            if finding.strength == "impossible":
+                raise FileError(where, finding.what, finding.remedy)
 
 
 def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
@@ -103,6 +107,11 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
         found = list(find([run for run in runs if run.run.manifest.name not in known]))
         known.update(name for finding in found for name in finding.runs)
         yield from found
+
+
+def _measured_places(runs: Runs) -> Iterator[Finding]:
+    """What speaks against an instrument; places of an arm that was simulated are meant to be computed."""
+    yield from _each(source_findings)([run for run in runs if not run.is_simulated])
 
 
 def _always(runs: Runs) -> str:
@@ -146,6 +155,7 @@ CONVENTIONS = (
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
     Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
+    Convention(SOURCE, "did an instrument measure the places", _no_poses),
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
     Convention(PLACE, "was each target where the rig file has it", _no_targets),
     Convention(STANDS, "is each row a visit of its own", _no_stops),
@@ -158,6 +168,7 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(unit_findings),
     _each(joint_findings),
     _gauges,
+    _measured_places,
     _each(stamp_findings),
     _each(place_findings),
     _stands,

@@ -36,6 +36,7 @@ _SAMPLED = 100
 _COMMENTS = ("#", "%", "//")
 _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
+_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
 _MOSTLY = 0.9
 """Share of the rows that are numbers in a column of numbers."""
@@ -145,9 +146,14 @@ def _sheet_text(rows: object) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in rows:  # type: ignore[attr-defined]
-        cells = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
+        cells = ["" if cell is None else _point(re.sub(r"\s+", " ", str(cell))) for cell in row]
         writer.writerow(cells) if any(cells) else text.write("\n")
     return text.getvalue().encode()
+
+
+def _point(cell: str) -> str:
+    """A cell of a workbook, with a point where its text is a number with a comma: columns are separated by commas."""
+    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:

@@ -156,11 +156,15 @@ class SeparatingTest:
 
 @dataclass(frozen=True)
 class PossibleTest:
-    """A further test, the reason why it may help, and the expected posterior of it together with the existing runs."""
+    """A further test, the reason why it may help, the expected posterior of it together with the existing runs, and
+    what it takes: minutes of driving, programs, and set-ups of ball and gauges."""
 
     test: str
     why: str
     expected: ExpectedPosterior
+    minutes: float
+    programs: int
+    set_ups: int
 
 
 def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
@@ -196,11 +200,17 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             expected = ExpectedPosterior(beside(shared, without_bands(more), places), level)
-            found.append(PossibleTest(words, further.why, expected))
+            set_ups = len({block.one.setup for block in more})
+            found.append(PossibleTest(words, further.why, expected, _minutes(more), len(more), set_ups))
             break
         else:
             impossible.append((further.choices[0][0], refused))
     return found, impossible
+
+
+def _minutes(blocks: Sequence[Block]) -> float:
+    """Return how many minutes the robot drives for planned blocks, with all of their repeats."""
+    return sum(block.count * float(np.ptp(block.one.path.t_s)) for block in blocks) / 60
 
 
 def best_first(found: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
@@ -420,7 +430,8 @@ class Gain:
 @dataclass(frozen=True)
 class Plan:
     """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
-    `impossible` lists tests that this arm cannot drive, each with the reason."""
+    `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
+    may be wrong with the arm, 1 where it is as large as usual."""
 
     tests: tuple[TestName, ...]
     runs: int
@@ -429,6 +440,7 @@ class Plan:
     pairs: tuple[Pair, ...]
     gains: tuple[Gain, ...]
     impossible: tuple[tuple[str, str], ...]
+    level: float = 1.0
 
     @property
     def hidden(self) -> tuple[Detectability, ...]:
@@ -446,15 +458,16 @@ class Plan:
         return by_name(self.detectabilities)
 
 
-def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
     """Return what tests of a rig, each driven `runs` times in each direction, can and cannot distinguish.
 
-    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background. The ball is
+    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background, at a `level`
+    that a diagnosis of the arm has found (`Diagnosis.level`), or 1 before anything is measured. The ball is
     off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    judgement = judged(expected_posterior(blocks, setups))
-    possible, impossible = possible_tests(rig, tests, blocks, setups, runs=runs)
+    judgement = judged(expected_posterior(blocks, setups, level))
+    possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
     return Plan(
         tuple(tests),
@@ -467,6 +480,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
         ),
         gains,
         tuple(impossible),
+        level,
     )
 
 

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
+from analysis.inference.acts import Act, Doubt, JudgedOn
+from analysis.inference.staircase import Staircase
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
@@ -33,13 +35,20 @@ readings is in no library; the runs are too few to decide it; many usual errors 
 nothing unusual; or the runs cannot show it."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than healthy arms, and this arm elsewhere, show."""
-Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
-"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; a
-healthy arm may show it by chance; a rival is likelier; it makes held-out runs worse; what it does is not known to half
-of itself; set-ups show different shares of it; it is one of more waves than a joint has; or the model explains the runs
-no better with it."""
-JudgedOn = Literal["unseen", "held_out", "used"]
-"""Where a figure was found: at another place, on held-out runs, or on the runs used."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
+    everything else, the rms in µm that the group gives it, and the odds that it is the one that stands out."""
+
+    effect: Effect
+    um: float
+    odds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return _of_effect(self.effect, {}, self.odds) | {"um": self.um}
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,15 @@ class BudgetPart:
     doubt: Doubt | None = None
     index: int | None = None
     """The index of the fitted effect among the effects of the diagnosis."""
+    members: tuple[Member, ...] = ()
+    """Of a group that makes more than a third of the gap: what it may be, the likeliest first."""
+    cancelled: tuple[str, ...] = ()
+    """The labels of what cancels some of it, which is counted with it."""
+
+    @property
+    def label(self) -> str:
+        """What it is, for a machine: the name of an effect, or its kind with the axis."""
+        return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
     def sigma(self) -> float:
@@ -75,7 +93,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        return {**asdict(self), "class": self.rank}
+        plain = {key: value for key, value in vars(self).items() if key != "members"}
+        return {**plain, "class": self.rank, "members": [one.to_dict() for one in self.members]}
 
 
 @dataclass(frozen=True)
@@ -111,6 +130,15 @@ _DIFFERS, _SURE = 0.5, 3.0
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
+
+
+SURE_SIGMA = 3.0
+"""Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
+CERTAIN_ODDS = ODDS / (1 + ODDS)
+"""Share of the evidence from which a name has no rival."""
+CERTAIN_SIGMA = 7.0
+"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
+"""
 
 
 @dataclass(frozen=True)
@@ -184,6 +212,8 @@ class Named:
     times_usual: float = 0.0
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
+    shown: bool = True
+    """Whether its cause was shown: a wave of which the joint drove fewer than two names no gear."""
 
     @property
     def stands(self) -> bool:
@@ -280,6 +310,12 @@ class Gap:
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
 
+    @property
+    def u_um(self) -> float:
+        """Standard uncertainty of each of these figures in µm: that of the mean of so many runs, of which each has the
+        noise."""
+        return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
+
     def to_dict(self) -> dict[str, Any]:
         """In plain types, the keys without their unit, which is µm."""
         return {
@@ -363,7 +399,8 @@ class Diagnosis(Tabular):
     model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
     tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether
     the noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists
-    what limits the trust in the result.
+    what limits the trust in the result. `staircase` is the gap as parts of the budget are added to the model, None
+    where nothing is.
     """
 
     condition: Condition
@@ -391,6 +428,14 @@ class Diagnosis(Tabular):
     seconds: float
     calibrated: CalibratedModel | None = None
     given: bool = False
+    staircase: Staircase | None = None
+    acts: tuple[Act, ...] = ()
+    """What follows from it, the first act first; every output prints from here."""
+
+    @property
+    def next_act(self) -> Act | None:
+        """What to do next; None where fits of given effects ask for nothing."""
+        return self.acts[0] if self.acts else None
 
     @property
     def written(self) -> tuple[Named, ...]:
@@ -438,18 +483,20 @@ class Diagnosis(Tabular):
                 "condition": self.condition,
                 "accuracy": self.accuracy.to_dict(),
                 "budget": [one.to_dict() for one in self.budget],
+                "acts": [one.to_dict() for one in self.acts],
                 "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,
                 "effects": [one.to_dict() for one in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [_of_place(place) for place in self.where],
+                "where": [of_place(place) for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(one) for one in self.left],
                 "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
+                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -459,7 +506,22 @@ class Diagnosis(Tabular):
         return plain
 
 
-def _of_place(place: Place) -> dict[str, Any]:
+def is_there(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether something does what a part says for certain, though it may be one of a few effects that look
+    alike."""
+    if part.index is None:
+        return part.sigma >= CERTAIN_SIGMA
+    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
+
+
+def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether a part is there for certain, an effect without rivals or many small terms together."""
+    known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
+    return known and is_there(found, part)
+
+
+def of_place(place: Place) -> dict[str, Any]:
+    """A place in plain types."""
     return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
 
 

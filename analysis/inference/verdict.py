@@ -9,14 +9,26 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.inference.acts import Doubt, JudgedOn
 from analysis.inference.background import best_free_form, free_forms_of
-from analysis.inference.budget import CERTAIN_SIGMA, EffectChange, sizes_by_setup
+from analysis.inference.budget import EffectChange, sizes_by_setup
 from analysis.inference.candidates import order_of
 from analysis.inference.link_swing import FoundVibration
 from analysis.inference.observation import ObservedRun
 from analysis.inference.residuals import bands_above_noise
 from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
-from analysis.inference.result import ODDS, Accuracy, Condition, Doubt, Gap, JudgedOn, Named, Remainder, Rival
+from analysis.inference.result import (
+    CERTAIN_ODDS,
+    CERTAIN_SIGMA,
+    ODDS,
+    Accuracy,
+    Condition,
+    Diagnosis,
+    Gap,
+    Named,
+    Remainder,
+    Rival,
+)
 from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
@@ -28,6 +40,7 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable
+from rigs.calibration import Judged
 from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -118,13 +131,15 @@ _CRUMBS = 0.05
 a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
 _SURE = 0.999
 """Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
-_LARGE = 0.5
-"""Share of the gap from which a usual effect leaves the condition open where only one run of each kind was driven."""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
 one, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
+_NO_WORSE = 0.97
+"""Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
+_BY_DISTANCE = ("pose", "touch")
+"""Tests of which a reading is a distance of three coordinates."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
 worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
@@ -142,8 +157,6 @@ of them stays above it."""
 _SIGMA = 2.0
 """Uncertainties of what it does up to which a name does not stand. With gauges that were exchanged in all runs a length
 of -23 ± 23 mm had odds above 99.9 %."""
-_CERTAIN = ODDS / (1 + ODDS)
-"""Odds among rivals below which a name is ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +172,21 @@ class Gaps:
         """What a calibrated model states of itself: the gap on the runs used, and where it had no part in it."""
         return self.train, self.unseen or self.held_out
 
+    @property
+    def judged(self) -> Gap:
+        """The gap by which a model is judged: where it had no part, if there are such runs."""
+        return self.unseen or self.held_out or self.train
+
+    @property
+    def names_do_better(self) -> bool:
+        """Whether the names alone leave less than the whole model where it had no part, by more than the noise of a
+        gap."""
+        return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
+
 
 def ambiguous_names(found: Sequence[Named]) -> list[Named]:
     """Return the names that stand and whose rivals cannot be dismissed."""
-    return [one for one in found if one.stands and one.posterior < _CERTAIN]
+    return [one for one in found if one.stands and one.posterior < CERTAIN_ODDS]
 
 
 def named_effects(
@@ -204,7 +228,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     found = Named(
         effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(one.effect for one in twins),
+        twins=tuple(one.effect for one in twins), shown=_is_shown(result, effects[k]),
     )  # fmt: skip
     return replace(found, doubt="contradicted") if found.contradicted else found
 
@@ -212,15 +236,12 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
 def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
     """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
 
-    What is certain and larger than usual is never too small to say; what only this quiet arm shows little of otherwise
-    must move the readings by more than one run scatters.
+    What is certain and larger than arms of its build show is never too small to say.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.refined.effects[k]
-    moves = worth(result.linear, result.contributions[k]).is_material(result.scatter_limits_um)
     reasons: tuple[tuple[bool, Doubt], ...] = (
-        (not state.is_fault(k), "usual"),
-        (not moves and abs(size_of(effect)) < FAULT, "usual"),
+        (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
@@ -229,10 +250,17 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
     return next((doubt for holds, doubt in reasons if holds), None)
 
 
-def _remedy(result: SearchResult, effect: Effect) -> str:
-    """Return what to do about an effect. A wave of which the joint did not drive two is no gear that was shown."""
+def _is_shown(result: SearchResult, effect: Effect) -> bool:
+    """Return whether the cause of an effect was shown. A wave of which the joint did not drive two is no gear."""
+    if not is_wave(effect) or effect.STAGE != "joint":
+        return True
     turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
-    if is_wave(effect) and effect.STAGE == "joint" and order_of(effect) * turned < DRIVEN_WAVES:
+    return order_of(effect) * turned >= DRIVEN_WAVES
+
+
+def _remedy(result: SearchResult, effect: Effect) -> str:
+    """Return what to do about an effect."""
+    if not _is_shown(result, effect):
         return f"use the calibrated model, which holds the angle error of joint {_axis(effect)} over its angle"
     return effect.remedy()
 
@@ -330,10 +358,18 @@ def condition_of(
     if (is_material and _is_much(result, left, gaps)) or _is_foreign(gaps):
         return "outside_library"
     if any(one.stands for one in found):
-        return "ambiguous" if ambiguous_names(found) else "named"
-    if is_undecided(result, found):
+        open_ones = ambiguous_names(found)
+        sure = [one for one in found if one.stands and one not in open_ones]
+        # The condition is that of most of what stands: a small name with a rival labels no others.
+        return "named" if _energy(sure) > _energy(open_ones) else "ambiguous"
+    if is_undecided(found):
         return "undecided"
     return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
+
+
+def _energy(found: Sequence[Named]) -> float:
+    """Return the mean square in µm² that names make."""
+    return sum(one.worth_um**2 for one in found)
 
 
 def _is_much(result: SearchResult, left: Remainder, gaps: Gaps) -> bool:
@@ -363,13 +399,9 @@ def _readings_apart(result: SearchResult) -> int:
     return told
 
 
-def is_undecided(result: SearchResult, found: Sequence[Named]) -> bool:
-    """Return whether more runs may find a fault: one of its size is not certain yet, or one that makes much of the gap
-    is compared with a level of this arm that runs without repeats do not show."""
-    doubted = any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
-    whole = worth(result.linear, result.initial_residual).whole_um
-    large = any(one.doubt == "usual" and one.worth_um > _LARGE * whole for one in found)
-    return doubted or (large and not all(block.measured for block in result.linear.blocks))
+def is_undecided(found: Sequence[Named]) -> bool:
+    """Return whether more runs may find a fault: one of its size is not certain yet."""
+    return any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
 
 
 def runs_to_decide(result: SearchResult, found: Sequence[Named]) -> int:
@@ -400,6 +432,19 @@ def _gains_elsewhere(gaps: Gaps) -> bool:
     if judged is None or judged.before_um <= _FAR * judged.noise_floor_um:
         return False
     return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+
+def judged_of(found: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
+    """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
+    handed over."""
+    there = gaps.judged
+    left = max(there.calibrated_um**2 - there.noise_floor_um**2, 0.0)
+    coordinates = 3 if all(test in _BY_DISTANCE for test in (one.test for one in there.tests)) else 1
+    return Judged(
+        condition=found.condition, place=found.accuracy.place, before_um=there.before_um, names_um=there.after_um,
+        whole_um=whole.judged.calibrated_um, handed_um=there.calibrated_um, noise_um=there.noise_floor_um,
+        unexplained_um=float(np.sqrt(left / coordinates)),
+    )  # fmt: skip
 
 
 def accuracy_of(

@@ -21,6 +21,7 @@ from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
+from rigs.text import as_argument
 from rigs.yaml_text import read_yaml
 
 STATE = "session.yaml"
@@ -49,10 +50,12 @@ class Stage(Part):
 
 
 class Try(Part):
-    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable."""
+    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable; held_up: how often the
+    computer stood still meanwhile."""
 
     run: str
     why: str = ""
+    held_up: int = 0
 
 
 class Step(Part):
@@ -106,13 +109,15 @@ class PathError(Part):
 
 
 class Answer(Part):
-    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; condition and
-    standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
-    rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
-    one run, root mean square."""
+    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
+    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
+    accuracy, next_step: its sentences; next_test: the test that would separate rivals or name a group; runs_to_decide:
+    how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
+    square."""
 
     runs: int
     judges: int = 0
+    joined: int = 0
     condition: str
     standing: str | None
     headline: str
@@ -122,9 +127,15 @@ class Answer(Part):
     remedies: tuple[str, ...] = ()
     """What a person does about each fault."""
     next_test: str = ""
+    ground: str = ""
+    """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
     runs_to_decide: int | None = None
     now_um: float
     calibrated_um: float
+    before_there_um: float = 0.0
+    """What was there without the model where calibrated_um was left with it."""
+    level: float = 1.0
+    """Of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
     noise_um: float
     seconds: float
     found: str
@@ -132,15 +143,35 @@ class Answer(Part):
     """The rig file with what was found."""
 
 
+class Expected(Part):
+    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model."""
+
+    um: float
+    u_um: float
+
+
+class Work(Part):
+    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
+    standard uncertainty of the model there, a part of after_um."""
+
+    before_um: float
+    after_um: float
+    u_um: float
+
+
 class Correction(Part):
     """What is corrected and how. sentence: what a person does; expected_um: what the correction is expected to leave
-    of the error of the readings, and before_um what it was; directory: of its files; entered: whether a person
-    entered the values."""
+    of the error of the readings, and before_um what it was; same, elsewhere: that with its uncertainty, on the circle
+    and at the other place; work: over the whole work; directory: of its files; entered: whether a person entered the
+    values."""
 
     way: Way
     sentence: str
     before_um: float
     expected_um: float
+    same: Expected | None = None
+    elsewhere: Expected | None = None
+    work: Work | None = None
     directory: str = ""
     entered: bool = False
 
@@ -183,6 +214,10 @@ class Session(Part):
     answer: Answer | None = None
     answered: str = ""
     """Why no more is measured to find errors; empty while something is."""
+    judged: Answer | None = None
+    """What was found without the place that judges, with its judgement; those runs join the last answer."""
+    decided: int = 0
+    """Runs of the last answer after which nothing more is measured."""
     correction: Correction | None = None
     verified: Verified | None = None
     report: str = ""
@@ -208,9 +243,24 @@ class Session(Part):
         """Return the session with another state of a step, counted from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
+    def is_last(self, answer: Answer) -> bool:
+        """Whether an answer is of all runs before the correction, those that only judged among them."""
+        if any(step.purpose == "judge" and step.is_open for step in self.steps):
+            return False
+        judges = len(self.runs_for("judge"))
+        return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
+
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
+
+
+def own_programs(session: Session, directory: Path) -> str:
+    """Return the command that corrects programs of a person's own by what a session found; empty without a model."""
+    if not (session.answer and session.answer.model):
+        return ""
+    model = directory / "found" / session.answer.found / session.answer.model
+    return f"rig correct {as_argument(model)} --program FILE -o DIR"
 
 
 class Place:
