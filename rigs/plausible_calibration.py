@@ -6,6 +6,7 @@ and the bounds that the same effects have in a rig file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,39 +27,33 @@ _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 
 def hold_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
     """Raise FileError where a calibration cannot be that of the rig whose file names it."""
-    why = _why_not(calibrated, rig)
-    if why:
+    for why in _reasons(calibrated, rig):
         raise FileError(where, why, _REMEDY)
 
 
-def _why_not(calibrated: CalibratedModel, rig: Rig) -> str:
+def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
+    """Yield why a calibration cannot be that of a rig."""
     axes = len(rig.robot.axes)
     if calibrated.rig != rig.name:
-        return f"is the calibration of {calibrated.rig}, and the rig file is that of {rig.name}"
+        yield f"is the calibration of {calibrated.rig}, and the rig file is that of {rig.name}"
     if len(calibrated.joints_deg) != axes:
-        return f"is of an arm of {len(calibrated.joints_deg)} axes, and that of the rig file has {axes}"
+        yield f"is of an arm of {len(calibrated.joints_deg)} axes, and that of the rig file has {axes}"
     if not all(_LEAST_DEG <= low <= high <= _MOST_DEG for low, high in calibrated.joints_deg):
-        return "joints_deg are no ranges of joint angles"
+        yield "joints_deg are no ranges of joint angles"
     errors_um = (calibrated.before_um, calibrated.calibrated_um, calibrated.held_out_um or 0.0)
     if not all(0 <= error <= _MOST_UM for error in errors_um):
-        return "states errors that no arm has"
+        yield "states errors that no arm has"
     for number, term in enumerate(calibrated.terms):
-        if getattr(term.effect, "axis", 1) > axes:
-            return f"term {number} is of axis {getattr(term.effect, 'axis', 0)}, and the arm has {axes}"
+        if (axis := getattr(term.effect, "axis", 1)) > axes:
+            yield f"term {number} is of axis {axis}, and the arm has {axes}"
         name = size_field(term.effect)
-        value = abs(term.times * float(getattr(term.effect, name)))
-        if not value <= _bound(term.effect, name):
-            return f"term {number} has {name} {value:g} in all, and an arm at most {_bound(term.effect, name):g}"
-    return _why_uncertain(calibrated)
-
-
-def _why_uncertain(calibrated: CalibratedModel) -> str:
-    """Return which parameter is less certain than it can be, empty for none."""
+        value, bound = abs(term.times * float(getattr(term.effect, name))), _bound(term.effect, name)
+        if not value <= bound:
+            yield f"term {number} has {name} {value:g} in all, and an arm at most {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
         if not sd <= _widest(calibrated, parameter):
-            return f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, more than it can be"
-    return ""
+            yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, more than it can be"
 
 
 def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:

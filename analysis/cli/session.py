@@ -86,7 +86,7 @@ def session(
     rig, text = load(rig_file)
     place = Place(directory or Path(f"session-{rig.name}"))
     if status:
-        _show(place, as_json=as_json)
+        _show(place, text, as_json=as_json)
         return
     for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
         if is_given and not emulated:
@@ -128,14 +128,15 @@ def _plain(found: Session) -> object:
     return found.model_dump(mode="json")
 
 
-def _show(place: Place, *, as_json: bool) -> None:
-    from analysis.session.guide import next_of  # noqa: PLC0415
+def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
+    from analysis.session.next_step import next_of  # noqa: PLC0415
     from analysis.session.words import status_lines  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
     found = place.read()
     if found is None:
         raise FileError(str(place.file), "no session was begun here", "begin one: rig session RIG")
+    place.hold_whole(found, rig_text)
     if as_json:
         say_json(_plain(found))
         return

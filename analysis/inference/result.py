@@ -499,7 +499,7 @@ class Diagnosis(Tabular):
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
-                "staircase": self.staircase.to_dict(list(map(_name_of_part, self.budget))) if self.staircase else None,
+                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -526,11 +526,6 @@ def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is there for certain, an effect without rivals or many small terms together."""
     known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
     return known and is_there(found, part)
-
-
-def _name_of_part(part: BudgetPart) -> str:
-    """`backlash 1`, `constants`, `curve 3`."""
-    return part.name or f"{part.kind} {part.axis or ''}".rstrip()
 
 
 def of_place(place: Place) -> dict[str, Any]:

@@ -6,18 +6,19 @@ session that was interrupted, however, goes on with the same command.
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
-from rigs.problems import RigFileError, problems_of
+from rigs.problems import Problem, RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
@@ -29,6 +30,8 @@ _HEAD = """\
 # A session of rig: what is driven, what was found, and how far it is. `rig session {rig}` goes on with it.
 """
 _MOST_BYTES = 1_000_000
+_MOST_MINUTES = 10_000.0
+"""A week: rig session takes a day at most."""
 MOST_TRIES = 3
 """So often a step is driven again by itself before a person is asked to look at the cell."""
 
@@ -38,6 +41,15 @@ Purpose = Literal["find", "judge", "verify"]
 """What a run is for: to find errors; to judge at a place that is not used for that; or to see what a correction did."""
 Way = Literal["entries", "programs", "none"]
 """How the robot is corrected: values entered at the controller, programs with corrected targets, or not at all."""
+
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0)]
+
+
+def _a_time(text: str) -> str:
+    dt.datetime.fromisoformat(text)  # which raises ValueError
+    return text
 
 
 class Stage(Part):
@@ -53,9 +65,9 @@ class Try(Part):
     """A run that was recorded for a step; why: what makes it unusable, empty where it is usable; held_up: how often the
     computer stood still meanwhile."""
 
-    run: str
+    run: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,200}$")]
     why: str = ""
-    held_up: int = 0
+    held_up: Count = 0
 
 
 class Step(Part):
@@ -102,10 +114,10 @@ class PathError(Part):
     """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
     square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
 
-    um: float
-    largest_um: float
-    u_um: float
-    runs: int
+    um: NotNegative
+    largest_um: NotNegative
+    u_um: NotNegative
+    runs: Count
 
 
 class Answer(Part):
@@ -115,9 +127,9 @@ class Answer(Part):
     how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
     square."""
 
-    runs: int
-    judges: int = 0
-    joined: int = 0
+    runs: Count
+    judges: Count = 0
+    joined: Count = 0
     condition: str
     standing: str | None
     headline: str
@@ -130,14 +142,14 @@ class Answer(Part):
     ground: str = ""
     """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
     runs_to_decide: int | None = None
-    now_um: float
-    calibrated_um: float
-    before_there_um: float = 0.0
+    now_um: NotNegative
+    calibrated_um: NotNegative
+    before_there_um: NotNegative = 0.0
     """What was there without the model where calibrated_um was left with it."""
     level: float = 1.0
     """Of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
-    noise_um: float
-    seconds: float
+    noise_um: NotNegative
+    seconds: NotNegative
     found: str
     model: str = ""
     """The rig file with what was found."""
@@ -167,8 +179,8 @@ class Correction(Part):
 
     way: Way
     sentence: str
-    before_um: float
-    expected_um: float
+    before_um: NotNegative
+    expected_um: NotNegative
     same: Expected | None = None
     elsewhere: Expected | None = None
     work: Work | None = None
@@ -197,17 +209,17 @@ class Session(Part):
     """All of it."""
 
     version: Literal[1] = 1
-    rig: str
-    rig_file: str
-    rig_sha256: str
+    rig: Annotated[str, Field(min_length=1)]
+    rig_file: Annotated[str, Field(min_length=1)]
+    rig_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     aim: Aim
     maker: Maker
-    minutes: float
-    began: str
+    minutes: Annotated[float, Field(gt=0, le=_MOST_MINUTES)]
+    began: Annotated[str, AfterValidator(_a_time)]
     emulated: Emulated | None = None
     stages: tuple[Stage, ...]
     steps: tuple[Step, ...]
-    driven_minutes: float = 0.0
+    driven_minutes: NotNegative = 0.0
     """Minutes from the start of each step to its run, pauses between sessions left out."""
     left_alone: tuple[str, ...] = ()
     """Runs in the directory that are of no step: of somebody else, or broken off."""
@@ -315,6 +327,25 @@ class Place:
             if newer := of_newer_rig(str(self.file), error):
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
+
+    def hold_whole(self, session: Session, rig_text: str) -> None:
+        """Raise RigFileError, with the lines, where a session names runs that are not here, or is of another rig file
+        than the one with this text."""
+        found = []
+        if session.rig_sha256 != digest_of(rig_text):
+            what = "is not that of the rig file: it was changed, or this session is of another one"
+            found.append(("rig_sha256", session.rig_sha256, what))
+        names = (one.run for step in session.steps for one in step.tries)
+        found += [
+            ("run", name, f"there is no run {name} in {self.runs}") for name in names if not self.run(name).is_dir()
+        ]
+        if found:
+            lines = read_text(self.file, _MOST_BYTES).splitlines()
+            problems = [
+                Problem(next((k for k, line in enumerate(lines, 1) if text in line), 1), place, what)
+                for place, text, what in found
+            ]
+            raise RigFileError(str(self.file), problems)
 
     def write(self, session: Session) -> None:
         """Keep a session, durably and at once. Raises CellError where the disk refuses; the old one stays then."""
