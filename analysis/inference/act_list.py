@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
-from analysis.inference.budget import LARGE_SHARE
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named, is_sure
+from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
@@ -191,7 +190,7 @@ def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[i
             against = () if planned else (Against("no_place"),)
             acts.append(Act("measure", "rivals", parts=(k,), test=test, cost=cost, against=against))
     for k, part in enumerate(found.budget):
-        if part.members:
+        if part.members or (part.index is not None and is_open(part, found.effects[part.index])):
             planned = next(((test, cost) for place, test, cost in tests if place == k), None)
             test, cost = planned or (None, Cost())
             against = () if planned else (Against("no_place"),)
