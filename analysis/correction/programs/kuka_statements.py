@@ -49,6 +49,8 @@ from analysis.correction.programs.target import (
 )
 from analysis.kinematics.arm import Array
 
+LINES = "flags of lines"
+"""The part that says whether the flags of posture count where a line ends."""
 LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
 """The type before the numbers of an aggregate, {E6POS: X …}."""
 _AXES = tuple(f"A{axis}" for axis in range(1, 7))
@@ -448,8 +450,9 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         way = "joint" if kind == "PTP" else "line"
         at = reader.lines[file].at(begin)
         reader.blocks.add(Set("external_tcp here", state["ipo_mode"]))
-        # A line or an arc keeps the posture at its start; the flags of a taught point are those that it had there.
-        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs))
+        # A line or an arc keeps the posture at its start, whatever the flags say: it has to lead to them.
+        trusts = None if way == "joint" else LINES
+        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
 
 
 def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:

@@ -61,7 +61,9 @@ def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
         """Numbers of tools in the text say something else there."""
         if dialect not in ("ur", "abb", "kuka"):
             return draft
-        pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[dialect]
+        pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[
+            dialect
+        ]
         files = {name: re.sub(pattern + rb"-?", lambda one: one[0] + b"1", data) for name, data in draft.files.items()}
         return replace(draft, files=files)
 
