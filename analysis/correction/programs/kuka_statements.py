@@ -446,8 +446,8 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
     count = 2 if kind == "CIRC" else 1
     for start, stop in places[:count]:
         text = line[start:stop]
-        if len(places) > count:  # an arc of CA degrees does not end at its target
-            _leave(reader, file, begin, "computed", text)
+        if len(places) > count:  # an arc of CA degrees does not end at its target, and keeps the posture of its start
+            _list(reader, file, begin, "computed", text)
             continue
         key = _point(reader, file, begin, start, text, kind)
         if key is None:
@@ -463,10 +463,15 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
 
 
 def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+    """List a move that cannot be corrected, after which the arm stands anywhere."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
+    _list(reader, file, begin, reason, name)
+    reader.blocks.add(Elsewhere())
+
+
+def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
     if file < reader.points.files:
         reader.points.leave(Left(file, reader.lines[file].at(begin), name.strip()[:60], reason))
-    reader.blocks.add(Elsewhere())
 
 
 def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
