@@ -16,6 +16,8 @@ ActKind = Literal["repair", "remaster", "enter", "load", "measure", "mount", "wa
 """What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries; measure
 what decides; mount ball, gauges or base anew; wait until the arm is warm; convert readings that were taken in another
 way; or nothing."""
+CORRECTING: tuple[ActKind, ...] = ("load", "enter")
+"""What is done once a robot drives corrected."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
 Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]

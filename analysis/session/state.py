@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import Field, ValidationError, model_validator
 
+from analysis.inference.acts import CORRECTING
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
@@ -98,6 +99,13 @@ class PartOfError(Part):
     fault: bool = False
 
 
+class Deed(Part):
+    """An act that follows from an answer (`analysis.inference.acts`): its kind, and what it says to do."""
+
+    kind: str
+    words: str
+
+
 class PathError(Part):
     """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
     square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
@@ -125,7 +133,9 @@ class Answer(Part):
     next_step: str
     parts: tuple[PartOfError, ...]
     remedies: tuple[str, ...] = ()
-    """What a person does about each fault."""
+    """What a person does next to that."""
+    acts: tuple[Deed, ...] = ()
+    """Both, with what kind of act each is; empty in sessions of earlier versions."""
     next_test: str = ""
     ground: str = ""
     """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
@@ -249,6 +259,22 @@ class Session(Part):
             return False
         judges = len(self.runs_for("judge"))
         return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the robot was driven with a correction."""
+        return bool(self.verified and self.verified.same_after)
+
+    @property
+    def to_do(self) -> tuple[str, ...]:
+        """What is to be done, the first act first; of a robot that was corrected without the correction, which is
+        done."""
+        answer = self.answer
+        if answer is None:
+            return ()
+        done = CORRECTING if self.is_corrected else ()
+        said = tuple(one.words for one in answer.acts if one.kind not in done)
+        return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""
