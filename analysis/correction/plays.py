@@ -44,10 +44,8 @@ def _found_plays(calibrated: CalibratedModel) -> Iterator[Effect]:
     for row, parameter in enumerate(calibrated.parameters):
         term = calibrated.terms[parameter.term]
         effect, u = term.effect, float(np.linalg.norm(calibrated.root[row]))
-        is_found = (
-            not term.named and effect.STAGE == "joint" and is_play(effect) and parameter.field == size_field(effect)
-        )
-        if is_found and size_of(effect) >= _CERTAIN_U * u:
+        is_found = not term.named and effect.STAGE == "joint" and is_play(effect)
+        if is_found and parameter.field == size_field(effect) and size_of(effect) >= _CERTAIN_U * u:
             yield effect
 
 

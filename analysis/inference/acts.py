@@ -16,8 +16,6 @@ ActKind = Literal["repair", "remaster", "enter", "load", "measure", "mount", "wa
 """What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries; measure
 what decides; mount ball, gauges or base anew; wait until the arm is warm; convert readings that were taken in another
 way; or nothing."""
-CORRECTING: tuple[ActKind, ...] = ("load", "enter")
-"""What is done once a robot drives corrected."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
 Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
@@ -106,3 +104,9 @@ class Act:
         """In plain types; the effect by its label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
+
+
+def is_done(kind: str, why: str) -> bool:
+    """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
+    another place as well."""
+    return kind in ("load", "enter") or (kind, why) == ("measure", "elsewhere")

@@ -69,7 +69,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
-        acts=tuple(Deed(kind=one.kind, words=acts.sentence(one)) for one in found.acts),
+        acts=tuple(Deed(kind=one.kind, why=one.why, words=acts.sentence(one)) for one in found.acts),
         next_test=_next_test(found),
         ground=ground_of(found.calibrated) if found.calibrated else "",
         runs_to_decide=found.runs_to_decide,

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import Field, ValidationError, model_validator
 
-from analysis.inference.acts import CORRECTING
+from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
@@ -100,9 +100,10 @@ class PartOfError(Part):
 
 
 class Deed(Part):
-    """An act that follows from an answer (`analysis.inference.acts`): its kind, and what it says to do."""
+    """An act that follows from an answer (`analysis.inference.acts`): its kind and reason, and what it says to do."""
 
     kind: str
+    why: str
     words: str
 
 
@@ -272,8 +273,7 @@ class Session(Part):
         answer = self.answer
         if answer is None:
             return ()
-        done = CORRECTING if self.is_corrected else ()
-        said = tuple(one.words for one in answer.acts if one.kind not in done)
+        said = tuple(one.words for one in answer.acts if not (self.is_corrected and is_done(one.kind, one.why)))
         return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
