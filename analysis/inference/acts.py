@@ -104,3 +104,9 @@ class Act:
         """In plain types; the effect by its label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
+
+
+def is_done(kind: str, why: str) -> bool:
+    """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
+    another place as well."""
+    return kind in ("load", "enter") or (kind, why) == ("measure", "elsewhere")
