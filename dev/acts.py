@@ -164,7 +164,9 @@ def _is_named(found: Diagnosis, truth: Mapping[str, Any]) -> bool | None:
     largest = max(truth["hidden"], key=lambda one: float(one["snr"]))
     said = {name_of(one.effect) for one in found.standing}
     for part in (*large_parts(found), *sure_parts(found)):
-        said |= {name_of(found.effects[part.index].effect)} if part.index is not None else set()
+        if part.index is not None:
+            one = found.effects[part.index]
+            said |= {name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals)}
         said |= {name_of(one.effect) for one in part.members}
     return bool(said & set(largest["class"]))
 

@@ -1,4 +1,4 @@
-"""Programs of five dialects drawn by grammars, corrected, and driven on every way before and after by other interpreters.
+"""Drawn programs of five dialects, corrected, and driven on every way before and after by other interpreters.
 
     scripts/dev programs 100                            # of each dialect, and a fifth as many plain ones
     scripts/dev programs 10000 --dialect fanuc --seed 5
@@ -64,7 +64,9 @@ def _one(draft: Draft, seed: int, table: Table, keep: Path, *, show: bool) -> No
 
 def _keep(verdict: Verdict, seed: int, keep: Path) -> None:
     """Write the program and its story to a directory that says the worst of its faults."""
-    worst = min(verdict.faults, key=lambda fault: (not grave(fault), fault.kind)).kind.replace(" ", "-").replace(",", "")
+    worst = (
+        min(verdict.faults, key=lambda fault: (not grave(fault), fault.kind)).kind.replace(" ", "-").replace(",", "")
+    )
     draft = verdict.draft
     directory = keep / f"{worst}-{draft.dialect}-{'plain-' if draft.plain else ''}{seed}"
     directory.mkdir(parents=True, exist_ok=True)

@@ -129,7 +129,7 @@ def _plain(found: Session) -> object:
 
 
 def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
-    from analysis.session.guide import next_of  # noqa: PLC0415
+    from analysis.session.next_step import next_of  # noqa: PLC0415
     from analysis.session.words import status_lines  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from analysis.conventions.duplicates import DUPLICATES, duplicate_findings
+from analysis.conventions.duplicates import DUPLICATES, duplicate_findings, repeated_places
 from analysis.conventions.finding import Convention, Finding
 from analysis.conventions.gauge_order import ORDER, SIGN, order_findings
 from analysis.conventions.gauge_sign import sign_findings
@@ -17,7 +17,7 @@ from analysis.conventions.repeats import repeat_findings
 from analysis.conventions.source import SOURCE, source_findings
 from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
-from analysis.conventions.wildness import WILDNESS, wild_findings
+from analysis.conventions.wildness import WILDNESS, wild_findings, wild_places
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
@@ -51,16 +51,18 @@ def check_runs(runs: Runs) -> list[Checked]:
         Checked(
             one,
             tuple(finding for finding in found if finding.convention == one.name),
-            one.cannot(told) if told else "a path has neither joints nor gauges",
+            one.cannot(told) if told else "" if one.name in _SHOWN_BY_PATHS else "a path has neither joints nor gauges",
         )
         for one in CONVENTIONS
     ]
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return what speaks against a convention in runs of one robot; paths have neither joints nor gauges."""
-    told = _with_joints(runs)
-    return [finding for find in _FINDERS for finding in find(told)] if told else []
+    """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
+    their places alone."""
+    told, paths = _with_joints(runs), [run for run in runs if isinstance(run.table, PathTable)]
+    found = [finding for find in _FINDERS for finding in find(told)] if told else []
+    return [*found, *(finding for find in _OF_PATHS for finding in find(paths))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
@@ -164,6 +166,8 @@ CONVENTIONS = (
 )
 """Every convention, in the order in which a person reads them."""
 
+_SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
+_OF_PATHS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (_each(wild_places), _each(repeated_places))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(unit_findings),
     _each(joint_findings),

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.lost_poses import far_poses, far_touches, left_out
+from analysis.conventions.path_places import places_of
 from analysis.kinematics.arm import arm_of, forward, without_setup
-from analysis.traces.tables import PoseTable, Table, TouchTable
+from analysis.traces.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
 
@@ -37,3 +38,11 @@ def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         what = left_out(table, wild, found.far_mm)
         what, remedy = what.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
+
+
+def wild_places(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path lie off the path beside them."""
+    del rig
+    if isinstance(table, PathTable) and "wild" in (words := places_of(table).words):
+        remedy = "check that nothing crossed the beam; an analysis leaves them out"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)

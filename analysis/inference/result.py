@@ -496,7 +496,7 @@ class Diagnosis(Tabular):
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
-                "staircase": self.staircase.to_dict(list(map(_name_of_part, self.budget))) if self.staircase else None,
+                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -506,17 +506,18 @@ class Diagnosis(Tabular):
         return plain
 
 
-def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is there for certain: an effect without rivals, or many small terms together."""
+def is_there(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether something does what a part says for certain, though it may be one of a few effects that look
+    alike."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    one = found.effects[part.index]
-    return one.doubt in (None, "usual") and one.posterior >= CERTAIN_ODDS and part.sigma >= SURE_SIGMA
+    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
 
 
-def _name_of_part(part: BudgetPart) -> str:
-    """`backlash 1`, `constants`, `curve 3`."""
-    return part.name or f"{part.kind} {part.axis or ''}".rstrip()
+def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether a part is there for certain, an effect without rivals or many small terms together."""
+    known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
+    return known and is_there(found, part)
 
 
 def of_place(place: Place) -> dict[str, Any]:

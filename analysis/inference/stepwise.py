@@ -17,7 +17,7 @@ from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
-from analysis.inference.result import Diagnosis, Gap
+from analysis.inference.result import BudgetPart, Diagnosis, Gap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
@@ -26,6 +26,7 @@ from analysis.kinematics.arm import Array
 from analysis.traces.tables import CircleTable
 from rigs.calibration import effects_of
 from rigs.effects import Effect
+from rigs.schema.effect import label_of
 
 _MOST_STEPS = 6
 """Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
@@ -75,9 +76,8 @@ def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_
     """Yield the models: the one begun with, with each large part, the largest first, and the calibrated one, with all
     others. What no model removes, as scatter, has no step."""
     effects, budget = stages.effects[-1], found.budget
-    terms = _terms_by_part(result) if stages.has_background else {}
-    named = [found.effects[one.index].effect if one.index is not None else None for one in budget]
-    added = [k for k, one in enumerate(budget) if named[k] in effects or (one.kind, one.axis) in terms]
+    pieces = _pieces(found, result, stages)
+    added = [k for k, one in enumerate(budget) if one.label in pieces]
     added.sort(key=lambda k: -budget[k].um)
     least_um = _LEAST * found.train.before_um
     large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
@@ -85,22 +85,32 @@ def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_
     names: list[Effect] = []
     shown: list[tuple[Effect, float]] = []
     for k in large:
-        own = named[k]
-        names += [own] if own is not None else []
-        shown += terms[budget[k].kind, budget[k].axis] if own is None else []
+        # What cancels a part is on its line of the budget, and comes with it.
+        for label in (budget[k].label, *budget[k].cancelled):
+            own_names, own_terms = pieces.get(label, ((), ()))
+            names += own_names
+            shown += own_terms
         yield _Rung((k,), (*names, *effects_of(shown)))
     small = tuple(k for k in added if k not in large)
     if small:
         yield _Rung(small, effects)
 
 
-def _terms_by_part(result: SearchResult) -> dict[tuple[str, int | None], list[tuple[Effect, float]]]:
-    """Return the terms of the calibrated background, each an effect and how many times of it, by the kind and joint of
-    the part of the error that they belong to."""
-    found: dict[tuple[str, int | None], list[tuple[Effect, float]]] = {}
-    for term in background_terms(result.calibrated_posterior):
-        found.setdefault(group_of(term.effect), []).append((term.effect, term.times))
-    return found
+_Piece = tuple[tuple[Effect, ...], tuple[tuple[Effect, float], ...]]
+"""What a part adds to the model: effects as they were fitted, and effects of which it has so many times."""
+
+
+def _pieces(found: Diagnosis, result: SearchResult, stages: Stages) -> dict[str, _Piece]:
+    """Return what each part of the budget adds to the model, by its label: a fitted effect, or the terms of the
+    calibrated background that are of its kind and joint."""
+    pieces: dict[str, _Piece] = {}
+    if stages.has_background:
+        for term in background_terms(result.calibrated_posterior):
+            kind, axis = group_of(term.effect)
+            label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
+            _, terms = pieces.get(label, ((), ()))
+            pieces[label] = (), (*terms, (term.effect, term.times))
+    return pieces | {label_of(one): ((one,), ()) for one in stages.effects[-1] if one in result.state.refined.effects}
 
 
 def left_um_of(

@@ -13,7 +13,7 @@ from functools import partial
 
 from analysis.inference.acts import Doubt
 from analysis.inference.budget import LARGE_SHARE
-from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, is_sure
+from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, is_sure, is_there
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
@@ -29,7 +29,7 @@ _MOST_NAMED = 3
 
 def large_parts(found: Diagnosis) -> list[BudgetPart]:
     """What makes more than a third of the error and is no fault, so that the condition does not say it: what is sure,
-    and groups of which the members are said."""
+    also where it may be one of a few, and groups of which the members are said."""
     faults = [part_of(found, one) for one in found.standing]
     return [
         one
@@ -37,7 +37,7 @@ def large_parts(found: Diagnosis) -> list[BudgetPart]:
         if one.share > LARGE_SHARE
         and one.kind not in ("scatter", "unexplained")
         and one not in faults
-        and (is_sure(found, one) or one.members)
+        and (is_there(found, one) or one.members)
     ]
 
 
@@ -189,6 +189,9 @@ class AnswerWords:
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
+        if part.index is not None and likely_rivals(one := self.found.effects[part.index]):
+            effects = (one.effect, *(rival.effect for rival in likely_rivals(one)))
+            return self.texts("large_part", share=share, part=self.texts("or").join(map(self.noun, effects)))
         if not part.members:
             return self.texts("large_part", share=share, part=self._measured(part))
         members = ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in part.members)

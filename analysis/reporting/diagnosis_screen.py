@@ -98,9 +98,8 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
     if small:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
-    halves = "of what two parts have in common each has half" * any(one.share < 0 for one in large)
     cut_off = f"× usual: so many times what such an arm shows without a fault; unusual above {FAULT:g}"
-    return [table, Text(cut_off, style="dim"), *([Text(halves, style="dim")] if halves else [])]
+    return [table, Text(cut_off, style="dim")]
 
 
 def _faults(found: Diagnosis) -> list[RenderableType]:

@@ -43,22 +43,29 @@ _LOOK_S = 0.02
 class SimulatedChild:
     """What `rig emulate` is to a session, without a process: it takes the lines that are typed, and answers."""
 
-    def __init__(self, time_of_cell: SimulatedClock, arguments: Sequence[str | Path], folder: Path, log: Path) -> None:
-        """arguments: of `rig emulate`, as `EmulatedHands` gives them; folder: of the session."""
-        self.name, self.log, self.runs = "rig emulate", log, True
-        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    @classmethod
+    def start(
+        cls, time_of_cell: SimulatedClock, arguments: Sequence[str | Path], folder: Path, log: Path
+    ) -> SimulatedChild:
+        """Start one. arguments: of `rig emulate`, as `EmulatedHands` gives them; folder: of the session. Raises
+        RigError."""
         options: Mapping[str | Path, str | Path] = dict(zip(arguments[2::2], arguments[3::2], strict=True))
         rig, text = load(Path(arguments[1]))
         hidden = load_hidden(str(options["--effects"])).within(rig) if "--effects" in options else rig
         robot = EmulatedRobot.of_rig(hidden, int(str(options["--seed"])))
         write_cell_files(Path(options["-o"]), hidden, robot, text)
         time_of_cell.kill("cell")
-        self.cell = SimulatedCell(time_of_cell, folder, text, robot, robot.signal)
-        pendant = Pendant(hidden, Path(options["--programs"]), _maker(str(options["--for"])))
-        self._keyboard = Keyboard(robot, pendant, self._end, self.lines.put)
+        cell = SimulatedCell.switched_on(time_of_cell, folder, text, robot, robot.signal)
+        child = cls(cell, robot, Pendant(hidden, Path(options["--programs"]), _maker(str(options["--for"]))), log)
         with time_of_cell.process("cell"):
-            self._keyboard.start()
-        self.lines.put("ready")
+            child._keyboard.start()
+        child.lines.put("ready")
+        return child
+
+    def __init__(self, cell: SimulatedCell, robot: EmulatedRobot, pendant: Pendant, log: Path) -> None:
+        self.name, self.log, self.runs, self.cell = "rig emulate", log, True, cell
+        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._keyboard = Keyboard(robot, pendant, self._end, self.lines.put)
 
     def _end(self, _: int) -> None:
         self.runs = False
@@ -120,7 +127,7 @@ class SimulatedCells:
 
     def start_cell(self, arguments: Sequence[str | Path], log: Path) -> SimulatedChild:
         """`StartCell` of `EmulatedHands`."""
-        self._child = SimulatedChild(self._clock, arguments, self._folder, log)
+        self._child = SimulatedChild.start(self._clock, arguments, self._folder, log)
         return self._child
 
     def start_rigd(self, rig_name: str, _rig_file: Path, _runs: Path, _log: Path) -> Rigd:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from analysis.session.guide import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
+from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
 from analysis.session.state import Correction, Expected, PathError, Session, Verified
 from analysis.session.words import correction_lines
 

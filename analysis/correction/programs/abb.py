@@ -27,6 +27,7 @@ _DATA = re.compile(
     r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
     re.IGNORECASE,
 )
+_PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
 """Where a tool, or a work object, stands in a move."""
@@ -44,6 +45,11 @@ def parse(texts: Texts) -> Parsed:
     for text in blank:
         reader.frames |= {f"tool {one.lower()}" for one in _LAST.findall(text)}
         reader.frames |= {f"frame {one.lower()}" for one in _WOBJ.findall(text)}
+    for file, text in enumerate(blank):
+        for found in _PARAMETERS.finditer(text):
+            for word in _WORD.finditer(text, found.start(1), found.end(1)):
+                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is what a routine is given")
+                reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
     for file in range(len(blank)):
         read_module(reader, file)
     for file, text in enumerate(blank):
@@ -97,7 +103,7 @@ def _declare_frame(
     reader.frames.add(part)
     if part in stated:
         if own or reader.of.get(part) != 0:
-            stated[part] = Unknown(file, line, f"{found['name']} is declared twice")
+            reader.shadowed[part] = Unknown(file, line, f"{found['name']} is declared twice")
         return
     reader.of[part] = 0 if own else file
     frames = literal_frames(kind, found["value"] or "")

@@ -149,6 +149,8 @@ class Reader:
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
     broken: list[Call] = field(default_factory=list)
+    shadowed: dict[str, Unknown] = field(default_factory=dict)
+    """Tools and work objects whose name stands for something else in a routine."""
     by_name: Unknown | None = None
     """Where the program writes data that it names in a text."""
     file: int = 0
@@ -270,7 +272,7 @@ def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> No
                 blocks.close()
         case "TEST":
             _functions(reader, begin, end)
-            blocks.branch()
+            blocks.cases()
         case "ELSEIF" | "CASE":
             blocks.other()
             _functions(reader, begin, end)
@@ -348,7 +350,9 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
     """Take an instruction, an assignment or a call."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, blocks = reader.texts[reader.file], reader.blocks
+    begin += len(text[begin:end]) - len(text[begin:end].lstrip())
     if _DATA.match(text, begin, end) or not text[begin:end].strip():
+        _functions(reader, begin, end)
         return
     if assigned := _ASSIGNED.fullmatch(text, begin, end):
         _functions(reader, assigned.start("right"), end)
@@ -408,8 +412,7 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
     text = reader.texts[reader.file]
     kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
     places = arguments(text, found.start("rest"), found.end("rest"))
-    if text[places[0][0] : places[0][1]].startswith("\\"):  # \Conc
-        places = places[1:]
+    places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
     count = 2 if kind == "C" else 1
     if len(places) < count + 3:
         _leave(reader, at, "computed", found[0])
@@ -423,7 +426,9 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
         needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
-        tool_now, frame_now = Ref(f"tool {tool.lower()}"), Ref(f"frame {frame.lower()}")
+        tool_now, frame_now = (
+            reader.shadowed.get(part) or Ref(part) for part in (f"tool {tool.lower()}", f"frame {frame.lower()}")
+        )
         state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", found["name"])
 

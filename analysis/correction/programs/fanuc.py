@@ -239,8 +239,8 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
         blocks.close()
     elif label := re.match(r"LBL\[\s*(\d+)", text):
         blocks.add(Label(label[1]))
-    elif word == "JMP" or (word == "WAIT" and "TIMEOUT" in text.upper()):
-        blocks.add(Jump(_labels(reader, text), falls=word == "WAIT"))
+    elif word in ("JMP", "WAIT", "VISION") and "LBL[" in text:
+        blocks.add(Jump(_labels(reader, text), falls=word != "JMP"))
     elif word in ("END", "ABORT"):
         blocks.add(End(halts=word == "ABORT"))
     elif call := _CALL.fullmatch(text):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 
 from analysis.correction.programs.kuka_statements import LITERAL_TYPE, Reader, lines_in, read_statement
-from analysis.correction.programs.machine import OFF, Program, Value
+from analysis.correction.programs.machine import OFF, Program, Unknown, Value
 from analysis.correction.programs.numbers import Decimals
 from analysis.correction.programs.points import Points, as_value
 from analysis.correction.programs.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
@@ -74,7 +74,9 @@ def parse(texts: Texts) -> Parsed:
             return stated[part]
         if family in ("TOOL_DATA", "BASE_DATA"):
             return number.rstrip("]")
-        return "unset" if part in ("tool", "base", "fdat tool", "fdat base") else OFF
+        if part in ("tool", "base", "fdat tool", "fdat base"):
+            return Unknown(0, 0, "nothing in these files sets it before")
+        return OFF
 
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
 

@@ -269,9 +269,12 @@ def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word
         _functions(reader, file, begin, line)
 
     match word:
-        case "IF" | "SWITCH":
+        case "IF":
             functions()
             blocks.branch()
+        case "SWITCH":
+            functions()
+            blocks.cases()
         case "CASE":
             blocks.other()
             blocks.guard()

@@ -462,6 +462,11 @@ class Blocks:
         self._open.append(("branch", self._label(), self._label()))
         self.guard()
 
+    def cases(self) -> None:
+        """Begin a block whose branches are cases; without one for all others it may be passed by."""
+        self._open.append(("branch", self._label(), self._label()))
+        self.add(Jump((self._open[-1][1],)))
+
     def other(self) -> None:
         """Begin another branch of the block; without a guard it is taken where no other is."""
         if self._open and self._open[-1][0] == "branch":

@@ -61,7 +61,8 @@ _DECLARED = re.compile(
 _EVENT = re.compile(
     r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
     r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
-    r"|(?<![\w.])(?P<flow>end|if|elif|else|while|for|switch|case|default|return|break|continue|halt)(?!\w)"
+    r"|(?<![\w.])(?P<flow>(?:end|if|elif|else|while|return|break|continue|halt)(?!\w)"
+    r"|(?:for|switch|case|default)\b(?=[^\n=]*:[ \t]*$))"
     r"|(?<![\w.])(?P<call>[A-Za-z_]\w*)[ \t]*\("
     r"|(?P<mark>[:\n])"
 )
@@ -133,6 +134,7 @@ _NOTHING = words("""
     """)
 """What leaves the arm, its tool and its base as they are: the functions of the manual that compute, read, write
 outputs and registers, wait, or speak; `get_inverse_kin` is a target where a move has it."""
+_TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _LONGEST = 1000
@@ -222,6 +224,8 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
             waiting = _mark(reader, event["mark"], waiting)
         else:
             waiting = _flow(reader, event, waiting)
+    if len(reader.open) > 1 or reader.blocks.depth:
+        _misnested(reader, len(reader.text) - 1)
     while len(reader.open) > 1:
         _end_routine(reader)
     reader.routines[""] = reader.open[0][1].done()
@@ -234,8 +238,10 @@ def _mark(reader: _Reader, mark: str, waiting: str) -> str:
             reader.blocks.add(End())
         return "" if waiting == "return" else waiting
     match waiting:
-        case "if" | "switch":
+        case "if":
             reader.blocks.branch()
+        case "switch":
+            reader.blocks.cases()
         case "elif" | "case":
             reader.blocks.guard()
         case "while" | "for":
@@ -270,6 +276,8 @@ def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
                 blocks.close()
             elif len(reader.open) > 1:
                 _end_routine(reader)
+            else:
+                _misnested(reader, event.start())
     return ""
 
 
@@ -280,6 +288,11 @@ def _end_routine(reader: _Reader) -> None:
         reader.routines[f"{name} {len(reader.routines)}"] = (Forget(why), *blocks.done())
     else:
         reader.routines[name] = blocks.done()
+
+
+def _misnested(reader: _Reader, place: int) -> None:
+    """Blocks that do not end where they should are of a language that is not known: anything may happen."""
+    reader.beside.append(Call("\0", reader.why(place, "the blocks do not end where they should")))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:
@@ -293,7 +306,10 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
             _leave(reader, at, "computed", name)
             return
         places = arguments(reader.text, event.end(), end)
-        for place in places[: 2 if name in ("movec", "servoc") and len(places) > 1 else 1]:
+        named = [place for place in places if _TARGET.match(reader.text, *place)]
+        named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
+        count = 2 if name in ("movec", "servoc") and len(places) > 1 else 1
+        for place in named or places[:count]:
             _target(reader, name, *place)
         if name in _STREAMED:
             blocks.add(Elsewhere())
@@ -346,7 +362,7 @@ def _target(
 ) -> None:
     """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad."""
     text, line = reader.text, reader.lines.at(begin)
-    if named := re.compile(r"(?:q|pose|pose_via|pose_to|q_near|x)\s*=\s*").match(text, begin, end):
+    if named := _TARGET.match(text, begin, end):
         begin = named.end()
     if not solved and (inverse := _INVERSE.match(text, begin, end)) and "get_inverse_kin" not in reader.defined:
         _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))

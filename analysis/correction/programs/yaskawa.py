@@ -64,7 +64,7 @@ _NOTHING = words("""
     MULMAT INVMAT AND OR NOT XOR SIN COS TAN ATAN SQRT SQRTS SPEED MSG PRINT ARCON ARCOF ARCSET ARCCTS ARCCTE WVON WVOF
     AWELD VWELD SVSPOT SVGUNCL GUNCL GUNCHG SVDRESSMV PWAIT CLOSE OPEN DIALOG DIALOGVAL SETUALM RSTUALM
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
-    GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT TSYNC
+    HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT TSYNC
     """)
 """Instructions that change neither tool, frame nor shift, nor where the arm stands: variables, signals, waiting,
 messages, welding, guns."""
@@ -231,8 +231,10 @@ def _instruction(reader: _Reader, text: str) -> None:
 def _flow(blocks: Blocks, word: str) -> bool:
     """Take a word of a block of the language, if it is one."""
     match word:
-        case "IFTHEN" | "IFTHENEXP" | "IF" | "SWITCH":
+        case "IFTHEN" | "IFTHENEXP" | "IF":
             blocks.branch()
+        case "SWITCH":
+            blocks.cases()
         case "ELSEIF" | "ELSEIFEXP" | "CASE":
             blocks.other()
             blocks.guard()
@@ -276,6 +278,8 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
     conditional = re.search(r"\bIF\b", call["rest"])
     if conditional:
         reader.blocks.branch()
+    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
+        reader.blocks.add(Lose("USER", reader.why(f"{call['job']} is called in another user frame")))
     reader.blocks.add(statement)
     if conditional:
         reader.blocks.close()

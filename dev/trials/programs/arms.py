@@ -80,9 +80,7 @@ def cell(dialect: str) -> Cell:
     ]
     others = (
         LinkGeometry(axis=3, field="a", delta=_A3_MM, found=_found("delta")),
-        TransmissionError(
-            axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=_found("amplitude_deg")
-        ),
+        TransmissionError(axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=_found("amplitude_deg")),
     )
     wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
     wrong.offset[:] = np.radians(_ZEROS_DEG)

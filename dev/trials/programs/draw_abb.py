@@ -84,7 +84,9 @@ class Writer:
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine(scope)
         body = self._joint(pen.near())
-        if pen.maybe(0.4):
+        if pen.plain and pen.maybe(0.15):  # as post-processors begin
+            body = ["ConfL \\Off;", "ConfJ \\Off;", *body]
+        elif pen.maybe(0.4):
             body = [f"{pen.pick(['ConfJ', 'ConfL'])}\\On;", *body]
         for _ in range(pen.whole(4, 9)):
             body += self.line(scope)
@@ -94,7 +96,9 @@ class Writer:
         if not pen.plain and (elsewhere or pen.maybe(0.3)):
             last = order.pop(0) if len(order) > 1 and "main()" not in order[0] else ""
             other = "\n".join(["MODULE Other", *elsewhere, last, "ENDMODULE"]) + "\n"
-        text = "\n".join(["MODULE MainModule", *(self.indent + one for one in self.declared), *order, "ENDMODULE"]) + "\n"
+        text = (
+            "\n".join(["MODULE MainModule", *(self.indent + one for one in self.declared), *order, "ENDMODULE"]) + "\n"
+        )
         if pen.maybe(0.5):
             text = "%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\n" + text
         files = {"Main.mod": pen.coded(text, crlf=True)}
@@ -176,7 +180,9 @@ class Writer:
             return text
         self.count += 1
         name = f"{self.pen.pick(['p', 'Target_', 'pPick'])}{self.count * 10}"
-        kind = self.pen.pick(["CONST", "CONST", "PERS", "LOCAL CONST"] if self.pen.plain else ["CONST", "PERS", "VAR", "LOCAL CONST"])
+        kind = self.pen.pick(
+            ["CONST", "CONST", "PERS", "LOCAL CONST"] if self.pen.plain else ["CONST", "PERS", "VAR", "LOCAL CONST"]
+        )
         if self.pen.maybe(0.1):
             text = text.replace("],[", "],\n    [", 1)
         self.declared.append(f"{kind} robtarget {name}:={text};")
@@ -261,10 +267,8 @@ class Writer:
     def offset(self, scope: _Scope) -> list[str]:
         pen = self.pen
         tool, wobj, rest = self._ends()
-        if scope.points and pen.maybe(0.5):
-            name = pen.pick(scope.points).split()[0]
-        else:
-            name = self._point(tool, wobj, scope)
+        taught = scope.points and pen.maybe(0.5)
+        name = pen.pick(scope.points).split()[0] if taught else self._point(tool, wobj, scope)
         x, y, z = pen.small()
         if pen.maybe(0.3):
             x, y, z = x / 20, y / 20, z / 20
@@ -321,7 +325,15 @@ class Writer:
         return [f"MoveL {name}{{1}}{rest}", f"MoveL {name}{{{self.pen.pick(['2', 'reg1'])}}}{rest}"]
 
     def unknown(self) -> list[str]:
-        return [self.pen.pick([f"{self.pen.name('', title=True)};", f"reg1:={self.pen.name('', title=True)}(1);", "DoSomethingElse 3,TRUE;"])]
+        return [
+            self.pen.pick(
+                [
+                    f"{self.pen.name('', title=True)};",
+                    f"reg1:={self.pen.name('', title=True)}(1);",
+                    "DoSomethingElse 3,TRUE;",
+                ]
+            )
+        ]
 
 
 def draw(seed: int, *, plain: bool) -> Draft:

@@ -78,7 +78,7 @@ class Writer:
             number += 1
             rows.append(f"{number:4d}:{first}" + (" ;" if not rest else "    "))
             rows += [f"    :{one} ;" for one in rest]
-        track = ""
+        track = pen.pick(["", "", "/APPL\n\nAUTO_SINGULARITY_HEADER;\n  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;\n"])
         if not pen.plain and pen.maybe(0.08):
             track = "/APPL\n  LINE_TRACK;\n    LINE_TRACK_SCHEDULE_NUMBER      : 1;\n    LINE_TRACK_BOUNDARY_NUMBER      : 1;\n    CONTINUE_TRACK_AT_PROG_END      : FALSE;\n"
         head = (
@@ -98,7 +98,11 @@ class Writer:
         if what == "moves":
             other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(other, scope, pen.astray())]
         elif what == "mixed":
-            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *(one for _ in range(3) for one in self.line(other, scope))]
+            other.lines = [
+                "  UFRAME_NUM=1",
+                "  UTOOL_NUM=1",
+                *(one for _ in range(3) for one in self.line(other, scope)),
+            ]
         elif what == "offset":
             other.lines = ["  OFFSET CONDITION PR[9]"]
         elif what == "select":
@@ -159,7 +163,14 @@ class Writer:
     def move(self, text: _Text, scope: _Scope) -> list[str]:
         pen = self.pen
         k = self.position(text, scope, pen.near())
-        kind = pen.pick([f"J P[{k}] 30% CNT50", f"L P[{k}] 200mm/sec FINE", f"L P[{k}:PUNKT] 50mm/sec CNT20 ACC80"])
+        kind = pen.pick(
+            [
+                f"J P[{k}] 30% CNT50",
+                f"L P[{k}] 200mm/sec FINE",
+                f"L P[{k}:PUNKT] 50mm/sec CNT20 ACC80",
+                f"J P[{k}] 100% CNT100 TB    .10sec,DO[5]=ON",
+            ]
+        )
         return [f"{kind}    "]
 
     def again(self, text: _Text, scope: _Scope) -> list[str]:
@@ -234,10 +245,22 @@ class Writer:
         k = self.position(text, scope, pen.near())
         lines = [pen.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
         lines = lines if pen.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
-        return [*lines, f"L P[{k}] 100mm/sec FINE    ", pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"])]
+        return [
+            *lines,
+            f"L P[{k}] 100mm/sec FINE    ",
+            pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"]),
+        ]
 
     def unknown(self) -> list[str]:
-        return [self.pen.pick([f"  CALL {self.pen.name(upper=True)}    ", "  CALL VISION_FIND(1)", f"  RUN {self.pen.name(upper=True)}"])]
+        return [
+            self.pen.pick(
+                [
+                    f"  CALL {self.pen.name(upper=True)}    ",
+                    "  CALL VISION_FIND(1)",
+                    f"  RUN {self.pen.name(upper=True)}",
+                ]
+            )
+        ]
 
     def jump(self, text: _Text, scope: _Scope) -> list[str]:
         if scope.depth or not self.others:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, frame
+from dev.trials.programs.arms import Array
 from dev.trials.programs.drawing import WORDS, Draft, Pen, drawn
 from dev.trials.programs.krl import status_turn
 
@@ -52,7 +52,12 @@ class Writer:
                 self._put(name, [f"$OUT[3]={on}", "WAIT SEC 0.3"], "still")
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine(scope)
-        body = [";FOLD INI;%{PE}", "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)", *self.begin(scope), *self.joint(pen.near())]
+        stop = ["  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )", "  INTERRUPT ON 3 "]
+        body = [";FOLD INI;%{PE}", *(stop if pen.maybe(0.5) else []), "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)"]
+        body += pen.pick(
+            [[], ["BAS (#VEL_PTP,50)", "BAS (#ACC_PTP,50)"], ["PTP $AXIS_ACT ; skip BCO quickly"], ["$H_POS=XHOME"]]
+        )
+        body += [*self.begin(scope), *self.joint(pen.near())]
         for _ in range(pen.whole(4, 9)):
             body += self.line(scope)
         main = self._text("pick", body, "DEF")
@@ -165,7 +170,9 @@ class Writer:
         name = self.point(text, scope)
         k = name[2:]
         frame_ = "#TCP" if not pen.plain and pen.maybe(0.08) else "#BASE"
-        self.data.append(f'DECL FDAT FP{k}={{TOOL_NO {tool},BASE_NO {base},IPO_FRAME {frame_},POINT2[] " ",TQ_STATE FALSE}}')
+        self.data.append(
+            f'DECL FDAT FP{k}={{TOOL_NO {tool},BASE_NO {base},IPO_FRAME {frame_},POINT2[] " ",TQ_STATE FALSE}}'
+        )
         self.data.append(f"DECL PDAT PPDAT{k}={{VEL 100.000,ACC 100.000,APO_DIST 100.000}}")
         scope.tool, scope.base = self.tools[tool], self.bases[base]
         if pen.maybe(0.6):
@@ -213,7 +220,9 @@ class Writer:
             return self.harmless()
         name, what = pen.pick(self.routines)
         if what == "value":
-            return pen.pick([[f"ok={name}()"], [f"IF {name}() THEN", "  WAIT SEC 0.1", "ENDIF"], [f"WAIT FOR {name}()"]])
+            return pen.pick(
+                [[f"ok={name}()"], [f"IF {name}() THEN", "  WAIT SEC 0.1", "ENDIF"], [f"WAIT FOR {name}()"]]
+            )
         if what == "point":
             return [f"{name}({{{self.target(_Scope(self.tools[1], self.bases[1]))}}})"]
         return [f"{name}()"]
@@ -271,7 +280,12 @@ class Writer:
         return [*lines, f"LIN {name}"]
 
     def external(self, scope: _Scope) -> list[str]:
-        return ["$IPO_MODE=#TCP", *self.move(scope), *(["$IPO_MODE=#BASE"] if self.pen.maybe(0.7) else []), *self.move(scope)]
+        return [
+            "$IPO_MODE=#TCP",
+            *self.move(scope),
+            *(["$IPO_MODE=#BASE"] if self.pen.maybe(0.7) else []),
+            *self.move(scope),
+        ]
 
     def unknown(self) -> list[str]:
         name = self.pen.name()
@@ -288,7 +302,14 @@ class Writer:
         label = f"again{self.count}"
         if scope.depth:
             return self.harmless()
-        return [f"{label}:", *self.move(scope), *self.setting("tool", scope), "IF $IN[5] THEN", f"  GOTO {label}", "ENDIF"]
+        return [
+            f"{label}:",
+            *self.move(scope),
+            *self.setting("tool", scope),
+            "IF $IN[5] THEN",
+            f"  GOTO {label}",
+            "ENDIF",
+        ]
 
 
 def draw(seed: int, *, plain: bool) -> Draft:

@@ -134,7 +134,14 @@ class Writer:
 
     def move(self, scope: _Scope) -> list[str]:
         pen = self.pen
-        how = pen.pick(["movel({}, a=1.2, v=0.25)", "movel({}, a=1.2, v=0.25, r=0.002)", "movep({}, a=1.2, v=0.25)"])
+        how = pen.pick(
+            [
+                "movel({}, a=1.2, v=0.25)",
+                "movel({}, a=1.2, v=0.25, r=0.002)",
+                "movep({}, a=1.2, v=0.25)",
+                "movel({}, 1.2, 0.25, 0, 0)",
+            ]
+        )
         if pen.maybe(0.15):
             how = "movel({},\n    a=1.2, v=0.25)" if pen.maybe(0.5) else "movel(pose={}, a=1.2)"
         if not pen.plain and pen.maybe(0.15):
@@ -173,6 +180,10 @@ class Writer:
                     "set_tool_digital_out(0, False)",
                     "sync()",
                     "speed_ms = 0.25",
+                    "set_tool_voltage(24)",
+                    'modbus_add_signal("192.168.0.7", 255, 129, 3, "RX74", False)',
+                    "stopj(2.0)",
+                    "write_output_boolean_register(3, True)",
                     'popup("weiter?", title="Frage", blocking=True)',
                     '$ 3 "Waypoint_1 p[0, 0, 0, 0, 0, 0]" "breakAfter"',
                 ]

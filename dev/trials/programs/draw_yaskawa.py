@@ -206,7 +206,14 @@ class Writer:
     def setting(self) -> list[str]:
         """Return what changes a tool or a user frame in the controller."""
         pen = self.pen
-        line = pen.pick(["MFRAME UF#(1) C00000 C00001 C00002", "SETTOOL TL#(1) P010", "SETTOOL TL#(0) P010", "MFRAME UF#(2) P001 P002 P003"])
+        line = pen.pick(
+            [
+                "MFRAME UF#(1) C00000 C00001 C00002",
+                "SETTOOL TL#(1) P010",
+                "SETTOOL TL#(0) P010",
+                "MFRAME UF#(2) P001 P002 P003",
+            ]
+        )
         return ["IFTHENEXP IN#(7)=ON", line, "ENDIF"] if pen.maybe(0.3) else [line]
 
     def variable(self, job: _Job) -> list[str]:
@@ -226,7 +233,15 @@ class Writer:
         return [f"MOVL {name} BC{len(job.outer) - 1:05d} {rest}"]
 
     def unknown(self) -> list[str]:
-        return [self.pen.pick([f"CALL JOB:{self.pen.name(upper=True)}", "MACRO1 MJ#(5)", f"CALL JOB:{self.pen.name(upper=True)} IF B002=1"])]
+        return [
+            self.pen.pick(
+                [
+                    f"CALL JOB:{self.pen.name(upper=True)}",
+                    "MACRO1 MJ#(5)",
+                    f"CALL JOB:{self.pen.name(upper=True)} IF B002=1",
+                ]
+            )
+        ]
 
 
 def draw(seed: int, *, plain: bool) -> Draft:

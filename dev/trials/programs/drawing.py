@@ -19,8 +19,9 @@ PREFIXES = (
     "t", "home", "abs", "call", "rel",
 )  # fmt: skip
 NOUNS = ("part", "down", "home", "tray", "tool", "box", "up", "go", "side", "off", "on", "safe", "back", "station")
-WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN {X 1.0, Y 2.0, Z 3.0}", "J P[1] 100% FINE",
-         "set_tcp(p[0,0,0,0,0,0])", "$TOOL = {X 1}", "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
+WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN {X 1.0, Y 2.0, Z 3.0}",
+         "J P[1] 100% FINE", "set_tcp(p[0,0,0,0,0,0])", "$TOOL = {X 1}",
+         "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ class Pen:
     def user_frame(self) -> Array:
         """Return a work frame (4, 4)."""
         place = self.rng.uniform((-300, -300, -100), (300, 300, 150)).round(1)
-        return frame(place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True))
+        return frame(
+            place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True)
+        )
 
     def small(self) -> Array:
         """Return a shift (3,) mm between stations."""

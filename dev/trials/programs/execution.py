@@ -161,7 +161,12 @@ class Robot:
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
         q = solved(self.here.nominal, F, near)
-        if q is not None and self.here.allows(q) and np.abs(q - near).max() < _NEAR_RAD and (chosen is None or chosen(q)):
+        if (
+            q is not None
+            and self.here.allows(q)
+            and np.abs(q - near).max() < _NEAR_RAD
+            and (chosen is None or chosen(q))
+        ):
             return q
         ways = [] if q is None else [q]
         for seed in branches(self.dialect):

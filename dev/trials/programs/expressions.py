@@ -1,4 +1,4 @@
-"""Expressions of URScript, KRL and RAPID as trees: ("number", 1.0), ("name", "a"), ("call", "f", [(keyword, tree)]), …"""
+"""Expressions of URScript, KRL and RAPID as trees: ("number", 1.0), ("name", "a"), ("call", "f", arguments), …"""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Syntax:
     operators: tuple[tuple[str, ...], ...]
     unary: tuple[str, ...]
     brackets: str
-    """"ur": [ ] lists and indices, p[ ] poses; "krl": { } aggregates, [ ] indices; "rapid": [ ] and { } the other way."""
+    """ "ur": [ ] lists and indices, p[ ] poses; "krl": { } aggregates, [ ] indices; "rapid": the other way round."""
     fold: bool = False
 
     def tokens(self, text: str) -> Tokens:
@@ -133,7 +133,7 @@ class Syntax:
     def _list(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
         items: list[tuple[str, Tree]] = []
         while tokens.peek() != end:
-            if tokens.peek() == "," :
+            if tokens.peek() == ",":
                 tokens.take()
                 continue
             keyword = ""
@@ -175,7 +175,9 @@ KRL = Syntax(
 )
 RAPID = Syntax(
     re.compile(
-        r"\s+|" + _NUMBER + r'|(?P<text>"[^"]*")|(?P<name>[A-Za-z_][\w]*)|(?P<mark>:=|<>|<=|>=|[-+*/<>=(){}\[\],.:;\\?])'
+        r"\s+|"
+        + _NUMBER
+        + r'|(?P<text>"[^"]*")|(?P<name>[A-Za-z_][\w]*)|(?P<mark>:=|<>|<=|>=|[-+*/<>=(){}\[\],.:;\\?])'
     ),
     (("OR", "XOR"), ("AND",), ("=", "<>", "<", ">", "<=", ">="), ("+", "-"), ("*", "/", "DIV", "MOD")),
     ("-", "+", "NOT"),

@@ -112,7 +112,7 @@ class Program:
             body = self._block(("ENDFOR",))
             self._at += 1
             return [Loop(place, body)]
-        if upper.startswith("IF") or upper.startswith("SELECT") or re.match(r"(=|ELSE,)", upper):
+        if upper.startswith(("IF", "SELECT")) or re.match(r"(=|ELSE,)", upper):
             action = text.rpartition(",")[2].strip() if "(" not in text.rpartition(",")[2] or "CALL" in text else text
             action = re.sub(r"^IF.*?\)\s*,\s*", "", action)
             return [Branch(place, [self._statement(_Line(place, action))], False)]
@@ -154,8 +154,7 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
         src = frozenset((name, begin + j + 1) for j in range(k, end + 1))
         first, *others = re.split(r"GP\d\s*:", text)[1:]
         numbers = {
-            key: float(value)
-            for key, value in re.findall(rf"\b([XYZWPR]|J[1-9]|E[1-3])\s*=\s*({_NUMBER})", first)
+            key: float(value) for key, value in re.findall(rf"\b([XYZWPR]|J[1-9]|E[1-3])\s*=\s*({_NUMBER})", first)
         }
         uf, ut = (re.search(rf"{which}\s*:\s*(\w+)", first) for which in ("UF", "UT"))
         config = re.search(r"CONFIG\s*:\s*'([^']*)'", first)
@@ -280,11 +279,17 @@ class Machine:
 
     def _teach(self, number: int, component: str | None, text: str, place: Place) -> None:
         old = self._taught(number)
-        X = self._with(old.X if old.X is not None else np.eye(4), int(component), text) if component else self._value(text)
+        X = (
+            self._with(old.X if old.X is not None else np.eye(4), int(component), text)
+            if component
+            else self._value(text)
+        )
         self.taught[self.running[-1], number] = Position(old.uf, old.ut, None, X, old.config, 0.0, old.src | {place})
 
     def _move(self, text: str, place: Place) -> None:
-        for kind, number in re.findall(r"\b(P|PR)\[(\w+)[^\]]*\](?![^,]*,PR)", re.split(r"(?i)offset|\bTA\b|\bTB\b|\bDB\b", text)[0]):
+        for kind, number in re.findall(
+            r"\b(P|PR)\[(\w+)[^\]]*\](?![^,]*,PR)", re.split(r"(?i)offset|\bTA\b|\bTB\b|\bDB\b", text)[0]
+        ):
             if kind == "PR" or not number.isdigit():
                 self.robot.q = self.robot.here.centre.copy()
                 continue

@@ -33,8 +33,9 @@ from dev.trials.programs.expressions import NotUnderstood
 SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
 """Pulses per degree of the axes."""
 _STILL = re.compile(
-    r"NOP|TIMER|DOUT|DIN|WAIT|PULSE|AOUT|PAUSE|SPEED|REFP|CLEAR|INC|DEC|SET [BIDRS]|SET LB|ADD [BID]|SUB [BID]|MUL|DIV|MSG|CNVRT"
-    r"|ARCON|ARCOF|ARCSET|GETS? [BID]|HAND|TOOLON|TOOLOF|SVSPOT|CSTART|'|COMM|SETREG|GETREG|ABORT|DIALOG|SHCKSET|SHCKRST|ADVINIT|ADVSTOP"
+    r"NOP|TIMER|DOUT|DIN|WAIT|PULSE|AOUT|PAUSE|SPEED|REFP|CLEAR|INC|DEC|SET [BIDRS]|SET LB|ADD [BID]|SUB [BID]|MUL|DIV"
+    r"|MSG|CNVRT|ARCON|ARCOF|ARCSET|GETS? [BID]|HAND|TOOLON|TOOLOF|SVSPOT|CSTART|'|COMM|SETREG|GETREG|ABORT|DIALOG"
+    r"|SHCKSET|SHCKRST|ADVINIT|ADVSTOP"
 )
 
 
@@ -241,7 +242,11 @@ class Machine:
     def _relative(self, key: str, rest: str, place: Place) -> None:
         step, tool = self._as_shift(key), self._frame("tool", 0)
         now = self.robot.pose_now(tool)
-        X = now @ step if "TF" in rest else frame(now[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ now[:3, :3]))
+        X = (
+            now @ step
+            if "TF" in rest
+            else frame(now[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ now[:3, :3]))
+        )
         self.robot.pose(X @ np.linalg.inv(tool), tool[:3, 3], place, self._variable(key).src | {place})
 
     def _move(self, word: str, rest: str, text: str, place: Place) -> None:

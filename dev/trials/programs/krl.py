@@ -36,9 +36,56 @@ Value = tuple[Any, frozenset[Place]]
 _NOWHERE: frozenset[Place] = frozenset()
 _FRAMES = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _STILL = frozenset(
-    "WAIT HALT ON_ERROR_PROCEED SIGNAL DECL INT REAL BOOL CHAR FRAME POS E6POS AXIS E6AXIS ENUM STRUC EXT EXTFCT EXTP IMPORT "
-    "BRAKE RESUME CONTINUE PULSE SREAD SWRITE CWRITE CREAD COPEN CCLOSE ANIN ANOUT DIGIN MSGNOTIFY MSGSTATE MSGQUIT "
-    "USERSPOT VARSTATE RSI_CREATE RSI_DELETE EKI_INIT EKI_OPEN EKI_CLOSE EKI_SEND GLOBAL CONST INIT RET".split()
+    [
+        "WAIT",
+        "HALT",
+        "ON_ERROR_PROCEED",
+        "SIGNAL",
+        "DECL",
+        "INT",
+        "REAL",
+        "BOOL",
+        "CHAR",
+        "FRAME",
+        "POS",
+        "E6POS",
+        "AXIS",
+        "E6AXIS",
+        "ENUM",
+        "STRUC",
+        "EXT",
+        "EXTFCT",
+        "EXTP",
+        "IMPORT",
+        "BRAKE",
+        "RESUME",
+        "CONTINUE",
+        "PULSE",
+        "SREAD",
+        "SWRITE",
+        "CWRITE",
+        "CREAD",
+        "COPEN",
+        "CCLOSE",
+        "ANIN",
+        "ANOUT",
+        "DIGIN",
+        "MSGNOTIFY",
+        "MSGSTATE",
+        "MSGQUIT",
+        "USERSPOT",
+        "VARSTATE",
+        "RSI_CREATE",
+        "RSI_DELETE",
+        "EKI_INIT",
+        "EKI_OPEN",
+        "EKI_CLOSE",
+        "EKI_SEND",
+        "GLOBAL",
+        "CONST",
+        "INIT",
+        "RET",
+    ]
 )
 
 
@@ -216,11 +263,13 @@ class Machine:
                     break
             self._move(word, text[len(word) :], line)
             return
-        if word in ("DECL", "GLOBAL", "CONST") or re.match(r"(?i)(E6POS|FRAME|POS|AXIS|E6AXIS|INT|REAL|BOOL)\s+\w", text):
-            self.declare(text, line)
-            return
-        if word == "INTERRUPT" or word == "TRIGGER":
+        if re.match(r"(?i)(GLOBAL\s+)?INTERRUPT\b|TRIGGER\b", text):
             self._interrupt(text)
+            return
+        if word in ("DECL", "GLOBAL", "CONST") or re.match(
+            r"(?i)(E6POS|FRAME|POS|AXIS|E6AXIS|INT|REAL|BOOL)\s+\w", text
+        ):
+            self.declare(text, line)
             return
         if self._assigned(text, line):
             return
@@ -247,7 +296,7 @@ class Machine:
     def _assigned(self, text: str, line: _Line) -> bool:
         try:
             tokens = KRL.tokens(text)
-            target = KRL._unary(tokens)  # noqa: SLF001
+            target = KRL._unary(tokens)
         except NotUnderstood:
             return False
         if tokens.peek() != "=" or target[0] not in ("name", "field", "index"):
@@ -303,7 +352,9 @@ class Machine:
             return as_frame(self.world.shift(key)), _NOWHERE
         if re.match(r"XP\d|X_", key):
             return self._pose_now(), _NOWHERE
-        return (key == "TRUE" if key in ("TRUE", "FALSE") else key if key[0] == "#" else self.world.number(key)), _NOWHERE
+        return (
+            key == "TRUE" if key in ("TRUE", "FALSE") else key if key[0] == "#" else self.world.number(key)
+        ), _NOWHERE
 
     def _pose_now(self) -> dict[str, Any]:
         base, tool = (as_matrix(self._read(name)[0]) for name in ("$BASE", "$TOOL"))
@@ -355,7 +406,21 @@ class Machine:
                 return self._read(f"BASE_DATA[{int(first)}]")
             case "SIPO_MODE":
                 return first, src
-            case "ABS" | "SQRT" | "SIN" | "COS" | "ROUND" | "ATAN2" | "SVEL_CP" | "SVEL_JOINT" | "SLOAD" | "SAPO" | "STRLEN":
+            case "IR_STOPM":  # KUKA's own for stop messages, which drives nowhere
+                return True, src
+            case (
+                "ABS"
+                | "SQRT"
+                | "SIN"
+                | "COS"
+                | "ROUND"
+                | "ATAN2"
+                | "SVEL_CP"
+                | "SVEL_JOINT"
+                | "SLOAD"
+                | "SAPO"
+                | "STRLEN"
+            ):
                 return self.world.number(name), src
             case "FORWARD" | "INVERSE":
                 return self.world.number(name), src
@@ -379,6 +444,8 @@ class Machine:
                 variables["$IPO_MODE"] = (active.get("IPO_FRAME", "#BASE"), _NOWHERE)
 
     def _move(self, word: str, text: str, line: _Line) -> None:
+        if re.match(r"(?i)\s*\$AXIS_ACT\b", text):
+            return  # to where the arm stands
         text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
         state = {name: self._read(name)[0] for name in ("$TOOL", "$BASE", "$IPO_MODE")}
         for name in state:
@@ -406,8 +473,10 @@ class Machine:
         X = np.linalg.inv(base) @ self.robot.pose_now(tool)
         if word.endswith("REL"):
             step = as_matrix(value)
-            X = X @ step if "#TOOL" in [text for _, text in tokens.items] else frame(
-                X[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ X[:3, :3])
+            X = (
+                X @ step
+                if "#TOOL" in [text for _, text in tokens.items]
+                else frame(X[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ X[:3, :3]))
             )
         else:
             now = as_frame(X)

@@ -1,4 +1,4 @@
-"""A drawn program before and after its correction, driven on every way: what moved farther off, and what nobody said."""
+"""A drawn program before and after its correction, driven on every way: what moved farther off, what nobody said."""
 
 from __future__ import annotations
 
@@ -173,7 +173,13 @@ def _drive(draft: Draft, corrected: Corrected, verdict: Verdict) -> None:
             elif len(places) != len(others):
                 verdict.faults.append(Fault("stops elsewhere", max(first, again, key=len)[shorter].place))
             for one, other in zip(first, again, strict=False):
-                key = (one.place, one.sources, one.q.round(9).tobytes(), one.F.round(6).tobytes(), other.q.round(9).tobytes())
+                key = (
+                    one.place,
+                    one.sources,
+                    one.q.round(9).tobytes(),
+                    one.F.round(6).tobytes(),
+                    other.q.round(9).tobytes(),
+                )
                 pairs.setdefault(key, (one, other))
     _compare(draft, corrected, list(pairs.values()), verdict)
 
@@ -225,7 +231,9 @@ def grave(fault: Fault) -> bool:
 
 def story(verdict: Verdict) -> str:
     """Return what a person needs to look at a verdict: faults, lists and the changed lines."""
-    lines = [f"{fault.kind}: {fault.place} {fault.before_mm:.3f} -> {fault.after_mm:.3f} mm" for fault in verdict.faults]
+    lines = [
+        f"{fault.kind}: {fault.place} {fault.before_mm:.3f} -> {fault.after_mm:.3f} mm" for fault in verdict.faults
+    ]
     draft, corrected = verdict.draft, verdict.corrected
     lines += [f"--tool {name}={stated(T)}" for name, T in draft.tools.items()]
     lines += [f"--frame {name}={stated(T)}" for name, T in draft.frames.items()]
@@ -234,7 +242,9 @@ def story(verdict: Verdict) -> str:
         lines += [f"left: {place} {why}" for place, why in corrected.left]
         after = _texts(corrected.files)
         for name, text in _texts(draft.files).items():
-            lines += difflib.unified_diff(text.splitlines(), after[name].splitlines(), name, "corrected", "", "", 99, "")
+            lines += difflib.unified_diff(
+                text.splitlines(), after[name].splitlines(), name, "corrected", "", "", 99, ""
+            )
     return "\n".join([verdict.error, *lines]) + "\n"
 
 

@@ -46,7 +46,7 @@ name is that routine."""
 class Pose(list[float]):
     """Six numbers of a pose: metres and a rotation vector."""
 
-    def T(self) -> Array:
+    def matrix(self) -> Array:
         """Return the frame (4, 4) in mm."""
         return frame(1e3 * np.array(self[:3]), Rotation.from_rotvec(self[3:]))
 
@@ -306,23 +306,23 @@ class Machine:
         first = plain[0][0] if plain else next(iter(keyed.values()))[0] if keyed else None
         match name:
             case "set_tcp":
-                self.tool = Pose(first).T()
+                self.tool = Pose(first).matrix()
             case "get_inverse_kin":
                 return self._inverse(keyed, plain), src
             case "get_forward_kin":
                 q = self.robot.q if first is None else np.array(first)
-                tool = plain[1][0].T() if len(plain) > 1 else self.tool
+                tool = plain[1][0].matrix() if len(plain) > 1 else self.tool
                 return as_pose(chain(self.robot.here.nominal, q)[0] @ tool), src
             case "pose_trans":
-                return as_pose(Pose(first).T() @ Pose(plain[1][0]).T()), src
+                return as_pose(Pose(first).matrix() @ Pose(plain[1][0]).matrix()), src
             case "pose_add":
-                A, B = Pose(first).T(), Pose(plain[1][0]).T()
+                A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
                 return as_pose(frame(A[:3, 3] + B[:3, 3], Rotation.from_matrix(B[:3, :3] @ A[:3, :3]))), src
             case "pose_sub":
-                A, B = Pose(first).T(), Pose(plain[1][0]).T()
+                A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
                 return as_pose(frame(A[:3, 3] - B[:3, 3], Rotation.from_matrix(A[:3, :3] @ B[:3, :3].T))), src
             case "pose_inv":
-                return as_pose(np.linalg.inv(Pose(first).T())), src
+                return as_pose(np.linalg.inv(Pose(first).matrix())), src
             case "d2r":
                 return float(np.radians(first)), src
             case "r2d":
@@ -336,7 +336,7 @@ class Machine:
             case "track_conveyor_linear" | "track_conveyor_circular" | "path_offset_enable":
                 self.shifted = self.world.shift(name)
             case "path_offset_set":
-                self.shifted = Pose(first).T() if isinstance(first, list) else self.world.shift(name)
+                self.shifted = Pose(first).matrix() if isinstance(first, list) else self.world.shift(name)
             case "stop_conveyor_tracking" | "path_offset_disable":
                 self.shifted = np.eye(4)
             case "speedj" | "speedl" | "freedrive_mode" | "force_mode" | "teach_mode" | "move_until_contact":
@@ -353,20 +353,22 @@ class Machine:
     def _inverse(self, keyed: dict[str, Value], plain: list[Value]) -> list[float]:
         X = Pose(keyed["x"][0] if "x" in keyed else plain[0][0])
         near = keyed.get("qnear", plain[1] if len(plain) > 1 else None)
-        tool = keyed["tcp"][0].T() if "tcp" in keyed else self.tool
-        q = self.robot.solve(X.T() @ np.linalg.inv(tool), self.robot.q if near is None else np.array(near[0]))
+        tool = keyed["tcp"][0].matrix() if "tcp" in keyed else self.tool
+        q = self.robot.solve(X.matrix() @ np.linalg.inv(tool), self.robot.q if near is None else np.array(near[0]))
         if q is None:
             raise Ended
         return [float(one) for one in q]
 
     def _move(self, name: str, keyed: dict[str, Value], plain: list[Value], line: _Line) -> None:
-        targets = plain[: 2 if name == "movec" else 1] + [keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed]
+        targets = plain[: 2 if name == "movec" else 1] + [
+            keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed
+        ]
         for value, src in targets:
             if not isinstance(value, list):
                 raise Ended
             sources = src | frozenset(line.places)
             if isinstance(value, Pose):
-                F = self.shifted @ value.T() @ np.linalg.inv(self.tool)
+                F = self.shifted @ value.matrix() @ np.linalg.inv(self.tool)
                 self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=name[4] in "lpc")
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)

@@ -57,6 +57,14 @@ def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_conditio
     assert said not in AnswerWords(diagnosis("undecided", effects=(unsure,))).headline
 
 
+def test_what_makes_most_and_may_be_one_of_a_few_is_said_with_all_of_them() -> None:
+    usual = replace(ZERO, doubt="usual")
+    headline = AnswerWords(diagnosis("uncalibrated", effects=(usual,))).headline
+    assert headline.startswith(
+        "90 % of the error comes from zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. Nothing was"
+    )
+
+
 def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     headline = AnswerWords(diagnosis("nothing_unusual", budget=(part,))).headline

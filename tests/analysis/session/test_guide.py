@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
 from analysis.session import report
-from analysis.session.guide import Correct, Drive, Infer, next_of
-from analysis.session.state import Aim, Place, Session, Try
+from analysis.session.cell import Run
+from analysis.session.next_step import Correct, Decide, Drive, Infer, next_of, why_nothing
+from analysis.session.state import Aim, Place, Session, Step, Try
 from rigs.errors import CellError
 from tests.support.nightly import cases
 from tests.support.session_cell import (
@@ -217,5 +219,25 @@ def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
     known = session.model_copy(update={"steps": driven})
     assert next_of(known) == Infer()
     find, judge = len(known.runs_for("find")), len(known.runs_for("judge"))
-    answer = NAMED.model_copy(update={"runs": find, "judges": judge})
-    assert next_of(known.model_copy(update={"answer": answer, "answered": "named"})) == Correct()
+    judged = NAMED.model_copy(update={"runs": find, "judges": judge})
+    known = known.model_copy(update={"answer": judged, "judged": judged, "answered": "named"})
+    assert next_of(known) == Infer(joins=True), "what has judged joins"
+    last = NAMED.model_copy(update={"runs": find + judge, "joined": judge})
+    known = known.model_copy(update={"answer": last})
+    assert next_of(known) == Decide(), "the last answer may still need a test that names a group"
+    assert next_of(known.model_copy(update={"decided": find + judge})) == Correct()
+    assert not why_nothing(known)
+    for ground in ("unknown_cause", "no_gain_elsewhere"):
+        refused = judged.model_copy(update={"ground": ground})
+        assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Correct nothing: ")
+
+
+def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+
+    class HeldUp(Simulated):
+        def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+            return replace(super().drive(step, wait), why="the lap has no data from 59° to 83°", held_up=2)
+
+    with pytest.raises(CellError, match=r"this computer: was held up, .* p01-yaw-acw, .*; end what keeps it busy"):
+        gone_on(place, HeldUp(place), Oracle())

@@ -61,7 +61,9 @@ def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
         """Numbers of tools in the text say something else there."""
         if dialect not in ("ur", "abb", "kuka"):
             return draft
-        pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[dialect]
+        pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[
+            dialect
+        ]
         files = {name: re.sub(pattern + rb"-?", lambda one: one[0] + b"1", data) for name, data in draft.files.items()}
         return replace(draft, files=files)
 
@@ -133,7 +135,8 @@ def test_a_program_has_every_way() -> None:
     from dev.trials.programs import urscript  # noqa: PLC0415
     from dev.trials.programs.execution import World, every_way  # noqa: PLC0415
 
-    text = "def a():\n while x > 1:\n  movej([0, -1, 1, 0, 1, 0])\n end\n if y:\n  movej([0, -1, 1, 0, 1, 1])\n end\n pick()\nend\n"
+    move = "movej([0, -1, 1, 0, 1, 0])"
+    text = f"def a():\n while x > 1:\n  {move}\n end\n if y:\n  {move}\n end\n pick()\nend\n"
     program, seen = urscript.Program({"a.script": text}, "a.script"), set()
     for ways in every_way(40, 0):
         machine = urscript.Machine(program, World(0), ways)

@@ -57,6 +57,15 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         ),
         [],
     ),
+    "a tool that a routine is given": (
+        _module(J0 + "go t;\n", "PROC go(PERS tooldata t)\nMoveJ {p1},v9,fine,t;\nENDPROC\n"), [(9, "unknown_tool")]
+    ),
+    "a tool of a routine's own": (
+        _module(J0 + "go;\n", "PROC go()\nVAR tooldata t;\nt:=x;\nMoveJ {p1},v9,fine,t;\nENDPROC\n"),
+        [(11, "unknown_tool")],
+    ),
+    "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "not_understood")]),
+    "a work object after a comma": (_module(J0 + "MoveL {p1},v9,fine,t,\\WObj:=wobj0;\n"), []),
     "a displacement": (_module(J0 + "PDispSet p;\n" + L1 + "PDispOff;\n" + L2), [(7, "displaced")]),
     "one from two points": (_module(J0 + "PDispOn\\Rot,pA,t;\n" + L1), [(7, "displaced")]),
     "one in a branch": (_module(J0 + "IF a THEN\nPDispSet p;\nENDIF\n" + L1), [(9, "not_understood")]),
@@ -198,6 +207,10 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "a frame in a branch": (
         {"a.ls": _listing("IF R[1]=1,UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
     ),
+    "a frame after a jump of a camera": (
+        {"a.ls": _listing("VISION GET_OFFSET 'V' VR[1] JMP LBL[1]", "UFRAME[3]=PR[5]", "LBL[1]", L2_)},
+        [("P[2]", "unknown_frame")],
+    ),
     "a frame after a jump": (
         {"a.ls": _listing("LBL[1]", L2_, "UFRAME[3]=PR[5]", "JMP LBL[1]")}, [("P[2]", "unknown_frame")]
     ),
@@ -292,6 +305,9 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
         {"a.jbi": _job(M1, "JUMP *ON IF IN#(1)=ON", "SFTON P001", "*ON", M2)}, [(11, "not_understood")]
     ),
     "a job that is not here": ({"a.jbi": _job(M1, "CALL JOB:B", M2)}, [(11, "not_understood")]),
+    "a relative job": (
+        {"a.jbi": _job(M1, "CALL JOB:B UF#(5)") + _job(M1, M3, name="B")}, [(33, "unknown_frame")]
+    ),
     "a frame that is made": ({"a.jbi": _job("MFRAME UF#(4) P001 P002 P003", M1, M3)}, [(10, "unknown_frame")]),
     "a tool that is set": (
         {"a.jbi": _job("SETTOOL TL#(3) P001", M1, M3)}, [(10, "unknown_tool"), (15, "unknown_tool")]

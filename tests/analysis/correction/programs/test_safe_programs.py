@@ -111,6 +111,9 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
         "movej({q2})\nmovel({p1})\n",
         [(4, "tracked")],
     ),
+    "targets by name": (
+        TCP + "movej(a=1, q={q0})\nmovel(v=1, pose={p1})\nmovec(pose_to={p2}, pose_via={p1}, a=1)\nmovel({p1})\n", []
+    ),
     "a path offset": (
         TCP + "movej({q0})\npath_offset_enable()\nmovel({p1})\nmovej({q2})\npath_offset_disable()\nmovej({q2})\n",
         [(4, "displaced"), (5, "displaced")],
@@ -124,6 +127,12 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a variable written by index": (TCP + "a = {p1}\nmovej({q0})\na[2] = 0.3\nmovel(a)\n", [(2, "changed")]),
     "a variable of a routine's own": (
         TCP + "a = {p1}\ndef f(a):\nmovel(a)\nend\nmovej({q0})\nf(p[0,0,0,0,0,0])\n", [(2, "changed")]
+    ),
+    "a word that is no word of the language here": (
+        TCP + "movej({q0})\nif a:\n" + OTHER + "default = 1\nmovel({p1})\nend\n", []
+    ),
+    "blocks that do not end": (
+        TCP + "movej({q0})\nwhile a:\nmovel({p1})\n", [(2, "not_understood"), (4, "not_understood")]
     ),
     "a usual program": (
         "def prog():\nset_standard_analog_input_domain(0, 1)\nset_tool_voltage(0)\nset_gravity([0.0, 0.0, 9.82])\n"
@@ -284,6 +293,16 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "a routine that is called in two bases": (
         {"a.src": HEAD + "go()\n$BASE=BASE_DATA[3]\ngo()\nEND\nDEF go()\nPTP {p1}\nEND\n"}, [(9, "several_frames")]
+    ),
+    "a base in every case": (
+        {
+            "a.src": HEAD + "$BASE=BASE_DATA[3]\nSWITCH n\nCASE 1\n$BASE=BASE_DATA[2]\n"
+            "DEFAULT\n$BASE=BASE_DATA[2]\nENDSWITCH\nPTP {p1}\nEND\n"
+        },
+        [],
+    ),
+    "a base in some cases": (
+        {"a.src": HEAD + "SWITCH n\nCASE 1\n$BASE=BASE_DATA[3]\nENDSWITCH\nPTP {p1}\nEND\n"}, [(8, "unknown_frame")]
     ),
     "a jump over a base": (
         {"a.src": HEAD + "IF x THEN\nGOTO on\nENDIF\n$BASE=BASE_DATA[3]\non:\nPTP {p1}\nEND\n"}, [(9, "unknown_frame")]
