@@ -2,7 +2,7 @@
 
 A browser sends the origin of the page that opens a WebSocket, and no page may read the cell but Foxglove's own and
 those of the names of the window. Where the window needs a token, it stands in the address: `ws://127.0.0.1:8765/?token=…`,
-since Foxglove sends no header. The server itself listens at an address of this computer that nobody can guess.
+since Foxglove sends no header. The server itself listens at an address of this computer that cannot be guessed.
 """
 
 from __future__ import annotations
