@@ -64,13 +64,26 @@ class JudgedPlace:
         return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
 
 
+EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
+EARLY = Act("wait", "early")
+"""What comes before all else where joints were read before they came to rest: they are read out of the same file where
+it has the commanded ones beside them, or measured again."""
+
+
 def acts_of(
-    found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]] = ()
+    found: Diagnosis,
+    judged: JudgedPlace,
+    tests: Sequence[tuple[int, NamingTest, Cost]] = (),
+    before: Sequence[Act] = (),
 ) -> tuple[Act, ...]:
     """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
-    tests that would name a part of the budget, by its index."""
+    tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
     if found.given:
         return ()
+    return (*before, *_acts_of(found, judged, tests))
+
+
+def _acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> tuple[Act, ...]:
     if found.condition == "not_testable_here":
         return (Act("measure", "not_visible", command=("plan", _model(found))),)
     acts = [*_repairs(found, judged), *_corrections(found, judged)]
