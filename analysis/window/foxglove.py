@@ -22,9 +22,9 @@ from analysis.files.foxglove_arm import (
 )
 from analysis.geometry.ball_link import angle
 from analysis.live.view import LiveView
+from rigs.distribution import to_install
 from rigs.errors import CellError
 from rigs.rig import Rig
-from rigs.text import to_install
 
 _GAUGES = {
     "type": "object",
