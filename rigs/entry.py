@@ -1,8 +1,8 @@
 """The commands `rig` and `rigd` begin here, where the packages `rigs`, `daq` and `analysis` are held to be rig's.
 
-Installed, this file is the module `rig_metrology` beside them, a name that no other package has. Other software has folders
-that are called like rig's packages, and ROS puts its folders before all others on PYTHONPATH: without this, the
-commands would end there in a traceback. It imports nothing of rig before that is settled.
+Installed, this file is the module `rig_metrology` beside them, a name that no other package has. Other software has
+folders that are called like rig's packages, and ROS puts its folders before all others on PYTHONPATH: without this,
+the commands would end there in a traceback. It imports nothing of rig before that is settled.
 """
 
 from __future__ import annotations
