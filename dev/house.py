@@ -16,23 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("rigs", "daq", "analysis")
 EMPTY = frozenset(
-    [
-        "one",
-        "found",
-        "own",
-        "told",
-        "left",
-        "known",
-        "held",
-        "there",
-        "here",
-        "some",
-        "given",
-        "wanted",
-        "worth",
-        "what",
-    ]
-    + ["said", "more", "rest", "them", "same", "other", "like", "alone", "beside"]
+    {"one", "found", "own", "told", "left", "known", "held", "there", "here", "some", "given", "wanted", "worth"}
+    | {"what", "said", "more", "rest", "them", "same", "other", "like", "alone", "beside"}
 )
 """Names that say nothing of what they stand for."""
 
