@@ -95,6 +95,31 @@ class Parameter(Part):
     field: Annotated[str, Field(max_length=40)]
 
 
+class Judged(Part):
+    """What a diagnosis said of its model where it was judged, rms in µm of the readings.
+
+    `condition` is that of the diagnosis. `place` says where: at another place, on runs or poses held out, or on the runs
+    used. `before_um` was left there without the model, `names_um` by the named effects alone, `whole_um` by everything
+    that was found, and `handed_um` by what the file holds: the names alone where these do better. `unexplained_um` is
+    what the model leaves there beyond the noise, of one coordinate; every uncertainty made from the file contains it.
+    """
+
+    condition: Annotated[str, Field(max_length=40)]
+    place: Literal["unseen", "held_out", "used"]
+    before_um: Annotated[float, Field(ge=0)]
+    names_um: Annotated[float, Field(ge=0)]
+    whole_um: Annotated[float, Field(ge=0)]
+    handed_um: Annotated[float, Field(ge=0)]
+    noise_um: Annotated[float, Field(ge=0)]
+    unexplained_um: Annotated[float, Field(ge=0)]
+
+    @property
+    def gained(self) -> float:
+        """Share of the mean square beyond the noise that the model takes away there; negative where it makes it worse."""
+        floor = self.noise_um**2
+        return 1 - max(self.handed_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
+
+
 class CalibratedModel(Part):
     """The content of a calibration file.
 
@@ -103,7 +128,7 @@ class CalibratedModel(Part):
     rail stood, of an arm on one; outside it the terms are what they were expected to be. `held_out_um` is the rms in µm
     that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L by
     which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
-    used explain.
+    used explain. `judged` is what the diagnosis said of the model, None in files of earlier versions.
     """
 
     format: Literal[1] = 1
@@ -118,6 +143,7 @@ class CalibratedModel(Part):
     calibrated_um: float
     held_out_um: float | None = None
     widened: Annotated[float, Field(ge=1)] = 1.0
+    judged: Judged | None = Field(default=None, exclude_if=lambda value: value is None)
     terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
     parameters: tuple[Parameter, ...] = Field(max_length=_MOST_TERMS)
     factor: str
@@ -166,6 +192,34 @@ class CalibratedModel(Part):
         root = np.zeros((count, count))
         root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")
         return root
+
+
+Verdict = Literal["correct", "nothing"]
+Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere"]
+"""Why a model is corrected by, or not: nobody judged it; the runs used are explained; it takes away error where it had
+no part; what explains the readings is in no library; or it takes away nothing where it had no part."""
+_LEAST_GAIN = 0.3
+"""Share of the mean square that a model must take away where it had no part to be corrected by although an unknown
+cause remains. Source: a rule that was tried on generated cells of foreign effects, where worse models gained less."""
+
+
+def ground_of(calibrated: CalibratedModel) -> Ground:
+    """Return the ground on which a model is corrected by, or not; the figures are in its `judged`."""
+    judged = calibrated.judged
+    if judged is None:
+        return "not_judged"
+    if judged.place == "used":
+        return "unknown_cause" if judged.condition == "outside_library" else "explained"
+    if judged.handed_um >= judged.before_um:
+        return "no_gain_elsewhere"
+    if judged.condition == "outside_library" and judged.gained < _LEAST_GAIN:
+        return "unknown_cause"
+    return "gains_elsewhere"
+
+
+def verdict_of(calibrated: CalibratedModel) -> Verdict:
+    """Return whether targets, programs and entries may be corrected by a model. It is said nowhere else."""
+    return "nothing" if ground_of(calibrated) in ("unknown_cause", "no_gain_elsewhere") else "correct"
 
 
 def packed_factor(root: Array) -> str:

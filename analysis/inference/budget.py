@@ -12,9 +12,9 @@ from analysis.inference.background import Posterior
 from analysis.inference.candidates import Form
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
-from analysis.inference.result import BudgetPart, Gap, Named, Rank, Share
+from analysis.inference.result import BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.inference.search import SearchResult
-from analysis.inference.state import FAULT
+from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
@@ -30,6 +30,10 @@ from rigs.schema.effect import PartKind, healthy, label_of, size_field
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
 """
+LARGE_SHARE = 1 / 3
+"""Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
+be."""
+_MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
@@ -194,8 +198,36 @@ class _Budget:
             um = float(np.linalg.norm(vector))
             times = um / usual_um if usual_um > 0 else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if times > FAULT else "usual"
-            found.append(BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank))
+            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank)
+            found.append(replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part)
         return found
+
+    def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
+        """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
+        far larger than the rest, beside the odds that none is."""
+        result = self.result
+        gain = result.posterior.gains(forms, result.state.level)[0]
+        best: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist():
+            if np.isfinite(gain[k]):
+                best.setdefault(forms[k].name, k)
+        if not best:
+            return ()
+        evidence = np.array([0.0, *(gain[k] for k in best.values())])
+        odds = np.exp(evidence - evidence.max())
+        odds /= odds.sum()
+        kept = [forms[k] for k in best.values()]
+        found = [
+            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(one))
+            for form, one in zip(kept, odds[1:], strict=True)
+        ]
+        return tuple(sorted(found, key=lambda one: -one.odds)[:_MOST_MEMBERS])
+
+    def _um_of(self, form: Form) -> float:
+        """Return what a form does in µm, at the size that it has among the small terms."""
+        own = list(form.columns)
+        columns = self.result.selection.columns.X[:, own]
+        return self.measure.um(columns @ self.result.posterior.mean[own])
 
     def _unexplained(self) -> BudgetPart:
         """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""

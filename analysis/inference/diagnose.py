@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.inference.act_list import JudgedPlace, acts_of
 from analysis.inference.blocks import Block
 from analysis.inference.budget import EffectChange, budget_of, effect_changes
 from analysis.inference.expected import is_separable
@@ -23,12 +24,13 @@ from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
-from analysis.inference.validation import calibrated_model, gap, gap_alone_um, held_out_gains, stages_of, widening
+from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, left_um, stages_of, widening
 from analysis.inference.verdict import (
     Gaps,
     accuracy_of,
     ambiguous_names,
     condition_of,
+    judged_of,
     named_effects,
     named_vibration,
     remainder_of,
@@ -164,33 +166,46 @@ def diagnose(
     sound, wild = without_wild(runs, effects, "the runs used")
     judges, wild_judges = without_wild(judges, effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
+    judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     stages = stages_of(sound, result)
-    gaps = Gaps(
-        gap(sound, stages, result, _names(used)),
-        gap(judges, stages, result, _names(held_out or used)) if judges else None,
-        gap(elsewhere, stages, result, _names(unseen)) if elsewhere else None,
-    )
+    whole = _gaps(judged_runs, stages, result)
+    if whole.names_do_better:
+        stages = stages.names_alone()
+    gaps = _gaps(judged_runs, stages, result) if whole.names_do_better else whole
     changes = effect_changes(result)
     named = named_effects(result, sound, held_out_gains(result, judges), changes)
     named = without_useless(named, gaps.train)
     at_limits = doubts_of_limits(named)
     named += _vibrations(result, runs, gaps.train) if given is None else []
-    named = [replace(one, alone_um=gap_alone_um(sound, one.effect)) if one.stands or given else one for one in named]
+    named = [
+        replace(one, alone_um=left_um(sound, sound, [one.effect])) if one.stands or given else one for one in named
+    ]
     named.sort(key=lambda one: (not one.stands, -one.worth_um))
     early = early_readings(result)
     judged = accuracy_of(gaps, *standing_of(rig, used), tolerance_um)
-    found = _diagnosis_of(rig, result, gaps, named, changes, judged, early=bool(early))
+    found = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
     found = replace(found, given=given is not None)
     written = [one.effect for one in found.written]
     wider = widening(judges, stages, result)
-    found = replace(found, calibrated=calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider))
+    said = judged_of(found, whole, gaps)
+    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, said)
+    found = replace(found, calibrated=calibrated)
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, doubt = _next_test(rig, named, used, result)
         found, doubts = replace(found, next_test=next_test), doubts + doubt
+    place = JudgedPlace(judged.place, sound, elsewhere or judges or sound, stages, gaps.judged)
+    found = replace(found, acts=acts_of(found, place))
     return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+
+
+def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:
+    """Return the gaps of the runs used, held out and elsewhere, each with their names; residuals are (m, k) mm."""
+    (sound, used), *others = judged
+    held_out, unseen = (gap(runs, stages, result, names) if runs else None for runs, names in others)
+    return Gaps(gap(sound, stages, result, used), held_out, unseen)
 
 
 def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
@@ -206,17 +221,19 @@ def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -
 def _diagnosis_of(
     rig: Rig,
     result: SearchResult,
-    gaps: Gaps,
+    both: tuple[Gaps, Gaps],
     named: Sequence[Named],
     changes: Sequence[EffectChange],
     accuracy: Accuracy,
     *,
     early: bool,
 ) -> Diagnosis:
-    """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k); `early` states whether
-    poses were read before the joints came to rest."""
+    """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k). `both` are the gaps with
+    the whole model, which decide the condition, and with what is handed over; `early` states whether poses were read
+    before the joints came to rest."""
+    whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
-    condition = condition_of(result, named, remainder, gaps, is_material=is_material, early=early)
+    condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)
     is_testable = condition != "not_testable_here"

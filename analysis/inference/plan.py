@@ -156,11 +156,15 @@ class SeparatingTest:
 
 @dataclass(frozen=True)
 class PossibleTest:
-    """A further test, the reason why it may help, and the expected posterior of it together with the existing runs."""
+    """A further test, the reason why it may help, the expected posterior of it together with the existing runs, and
+    what it takes: minutes of driving, programs, and set-ups of ball and gauges."""
 
     test: str
     why: str
     expected: ExpectedPosterior
+    minutes: float
+    programs: int
+    set_ups: int
 
 
 def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
@@ -196,11 +200,17 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             expected = ExpectedPosterior(beside(shared, without_bands(more), places), level)
-            found.append(PossibleTest(words, further.why, expected))
+            set_ups = len({block.one.setup for block in more})
+            found.append(PossibleTest(words, further.why, expected, _minutes(more), len(more), set_ups))
             break
         else:
             impossible.append((further.choices[0][0], refused))
     return found, impossible
+
+
+def _minutes(blocks: Sequence[Block]) -> float:
+    """Return how many minutes the robot drives for planned blocks, with all of their repeats."""
+    return sum(block.count * float(np.ptp(block.one.path.t_s)) for block in blocks) / 60
 
 
 def best_first(found: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
+from analysis.inference.acts import Act, Doubt, JudgedOn
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
@@ -33,13 +34,20 @@ readings is in no library; the runs are too few to decide it; many usual errors 
 nothing unusual; or the runs cannot show it."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than healthy arms, and this arm elsewhere, show."""
-Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
-"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; a
-healthy arm may show it by chance; a rival is likelier; it makes held-out runs worse; what it does is not known to half
-of itself; set-ups show different shares of it; it is one of more waves than a joint has; or the model explains the runs
-no better with it."""
-JudgedOn = Literal["unseen", "held_out", "used"]
-"""Where a figure was found: at another place, on held-out runs, or on the runs used."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
+    everything else, the rms in µm that the group gives it, and the odds that it is the one that stands out."""
+
+    effect: Effect
+    um: float
+    odds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return _of_effect(self.effect, {}, self.odds) | {"um": self.um}
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,8 @@ class BudgetPart:
     doubt: Doubt | None = None
     index: int | None = None
     """The index of the fitted effect among the effects of the diagnosis."""
+    members: tuple[Member, ...] = ()
+    """Of a group that makes more than a third of the gap: what it may be, the likeliest first."""
 
     @property
     def sigma(self) -> float:
@@ -75,7 +85,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        return {**asdict(self), "class": self.rank}
+        plain = {key: value for key, value in vars(self).items() if key != "members"}
+        return {**plain, "class": self.rank, "members": [one.to_dict() for one in self.members]}
 
 
 @dataclass(frozen=True)
@@ -184,6 +195,8 @@ class Named:
     times_usual: float = 0.0
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
+    shown: bool = True
+    """Whether its cause was shown: a wave of which the joint drove fewer than two names no gear."""
 
     @property
     def stands(self) -> bool:
@@ -391,6 +404,13 @@ class Diagnosis(Tabular):
     seconds: float
     calibrated: CalibratedModel | None = None
     given: bool = False
+    acts: tuple[Act, ...] = ()
+    """What follows from it, the first act first; every output prints from here."""
+
+    @property
+    def next_act(self) -> Act | None:
+        """What to do next; None where fits of given effects ask for nothing."""
+        return self.acts[0] if self.acts else None
 
     @property
     def written(self) -> tuple[Named, ...]:
@@ -438,6 +458,7 @@ class Diagnosis(Tabular):
                 "condition": self.condition,
                 "accuracy": self.accuracy.to_dict(),
                 "budget": [one.to_dict() for one in self.budget],
+                "acts": [one.to_dict() for one in self.acts],
                 "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,

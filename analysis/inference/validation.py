@@ -20,7 +20,7 @@ from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable, TouchTable, test_of
-from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -43,6 +43,10 @@ class Stages:
         """Whether the calibrated model has more than the names."""
         return self.effects[-1] != self.effects[-2]
 
+    def names_alone(self) -> Stages:
+        """Return these models with the names in place of the whole one."""
+        return Stages((*self.effects[:2], self.effects[1]), (*self.setups[:2], self.setups[1]))
+
     @property
     def calibrated(self) -> dict[str, SetUp]:
         """The set-ups of the runs used with the calibrated model."""
@@ -53,11 +57,16 @@ class Stages:
         others have their own fitted."""
         found = []
         for effects, placed in zip(self.effects, self.setups, strict=True):
-            there = with_effects(runs, effects)
-            new = [run for run in there if run.one.setup not in placed]
-            every = placed | (fit_run_setups(new)[0] if new else {})
-            found.append([residuals_of(run.model, [run.one], every)[0] for run in there])
+            found.append(_left_with(with_effects(runs, effects), placed))
         return found
+
+
+def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
+    """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
+    none of them."""
+    new = [run for run in runs if run.one.setup not in placed]
+    every = {**placed, **(fit_run_setups(new)[0] if new else {})}
+    return [residuals_of(run.model, [run.one], every)[0] for run in runs]
 
 
 def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
@@ -261,10 +270,11 @@ def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: in
     return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]))[1])
 
 
-def gap_alone_um(runs: Sequence[ObservedRun], effect: Effect) -> float:
-    """Return the rms residual (m, k) of runs with one effect alone, in µm and with set-ups fitted: what its remedy
-    alone leaves."""
-    return 1e3 * rms(fit_run_setups(with_effects(runs, [effect]))[1])
+def left_um(runs: Sequence[ObservedRun], used: Sequence[ObservedRun], effects: Sequence[Effect]) -> float:
+    """Return the rms residual (m, k) of runs with some effects alone, in µm: what their remedy alone leaves. As in the
+    gap, runs in a set-up of the runs used keep it, and others have their own."""
+    placed = fit_run_setups(with_effects(used, effects))[0]
+    return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
 
 
 def _floor(result: SearchResult, names: Collection[str]) -> float:
@@ -320,6 +330,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     train: Gap,
     elsewhere: Gap | None,
     widened: float = 1.0,
+    judged: Judged | None = None,
 ) -> CalibratedModel:
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
     that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
@@ -347,6 +358,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
         widened=widened,
+        judged=judged,
         terms=(*terms, *more),
         parameters=tuple(parameters),
         factor=packed_factor(root),

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.inference.acts import Doubt, JudgedOn
 from analysis.inference.background import best_free_form, free_forms_of
 from analysis.inference.budget import CERTAIN_SIGMA, EffectChange, sizes_by_setup
 from analysis.inference.candidates import order_of
@@ -16,7 +17,7 @@ from analysis.inference.link_swing import FoundVibration
 from analysis.inference.observation import ObservedRun
 from analysis.inference.residuals import bands_above_noise
 from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
-from analysis.inference.result import ODDS, Accuracy, Condition, Doubt, Gap, JudgedOn, Named, Remainder, Rival
+from analysis.inference.result import ODDS, Accuracy, Condition, Diagnosis, Gap, Named, Remainder, Rival
 from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
@@ -28,6 +29,7 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable
+from rigs.calibration import Judged
 from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -125,6 +127,10 @@ _SAME_SIGMA = 0.5
 one, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
+_NO_WORSE = 0.97
+"""Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
+_BY_DISTANCE = ("pose", "touch")
+"""Tests of which a reading is a distance of three coordinates."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
 worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
@@ -158,6 +164,17 @@ class Gaps:
     def written(self) -> tuple[Gap, Gap | None]:
         """What a calibrated model states of itself: the gap on the runs used, and where it had no part in it."""
         return self.train, self.unseen or self.held_out
+
+    @property
+    def judged(self) -> Gap:
+        """The gap by which a model is judged: where it had no part, if there are such runs."""
+        return self.unseen or self.held_out or self.train
+
+    @property
+    def names_do_better(self) -> bool:
+        """Whether the names alone leave less than the whole model where it had no part, by more than the noise of a
+        gap."""
+        return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
 
 def ambiguous_names(found: Sequence[Named]) -> list[Named]:
@@ -204,7 +221,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     found = Named(
         effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(one.effect for one in twins),
+        twins=tuple(one.effect for one in twins), shown=_is_shown(result, effects[k]),
     )  # fmt: skip
     return replace(found, doubt="contradicted") if found.contradicted else found
 
@@ -229,10 +246,17 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
     return next((doubt for holds, doubt in reasons if holds), None)
 
 
-def _remedy(result: SearchResult, effect: Effect) -> str:
-    """Return what to do about an effect. A wave of which the joint did not drive two is no gear that was shown."""
+def _is_shown(result: SearchResult, effect: Effect) -> bool:
+    """Return whether the cause of an effect was shown. A wave of which the joint did not drive two is no gear."""
+    if not is_wave(effect) or effect.STAGE != "joint":
+        return True
     turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
-    if is_wave(effect) and effect.STAGE == "joint" and order_of(effect) * turned < DRIVEN_WAVES:
+    return order_of(effect) * turned >= DRIVEN_WAVES
+
+
+def _remedy(result: SearchResult, effect: Effect) -> str:
+    """Return what to do about an effect."""
+    if not _is_shown(result, effect):
         return f"use the calibrated model, which holds the angle error of joint {_axis(effect)} over its angle"
     return effect.remedy()
 
@@ -400,6 +424,19 @@ def _gains_elsewhere(gaps: Gaps) -> bool:
     if judged is None or judged.before_um <= _FAR * judged.noise_floor_um:
         return False
     return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+
+def judged_of(found: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
+    """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
+    handed over."""
+    there = gaps.judged
+    left = max(there.calibrated_um**2 - there.noise_floor_um**2, 0.0)
+    coordinates = 3 if all(test in _BY_DISTANCE for test in (one.test for one in there.tests)) else 1
+    return Judged(
+        condition=found.condition, place=found.accuracy.place, before_um=there.before_um, names_um=there.after_um,
+        whole_um=whole.judged.calibrated_um, handed_um=there.calibrated_um, noise_um=there.noise_floor_um,
+        unexplained_um=float(np.sqrt(left / coordinates)),
+    )  # fmt: skip
 
 
 def accuracy_of(

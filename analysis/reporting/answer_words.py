@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
-from analysis.inference.budget import CERTAIN_SIGMA
-from analysis.inference.result import BudgetPart, Condition, Diagnosis, Doubt, Named
+from analysis.inference.acts import Doubt
+from analysis.inference.budget import CERTAIN_SIGMA, LARGE_SHARE
+from analysis.inference.result import BudgetPart, Condition, Diagnosis, Named
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
@@ -22,8 +23,6 @@ NextStep = Literal["repair", "separate", "elsewhere", "repeat", "look", "plan", 
 """What a person does next: repair the faults; drive the test that separates rivals, or measure elsewhere where there is
 none; repeat; look whether the set-up is sound; plan tests that show something; calibrate; measure where the calibration
 had no part; or nothing."""
-LARGE_SHARE = 1 / 3
-"""Share of the error from which a part is said in the first sentence, whatever its size."""
 SMALL_SHARE = 0.001
 """Share of the error below which parts that are not unusual are counted together."""
 _GAINS = 0.8

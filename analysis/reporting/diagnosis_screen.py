@@ -10,8 +10,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Doubt, Gap
+from analysis.inference.result import Condition, Diagnosis, Gap
 from analysis.inference.state import FAULT
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (

@@ -24,6 +24,7 @@ class BallForm(Effect):
     phase_deg: float = shape(-360, 360, 0.0)
 
     STAGE = "setup"
+    DEED = "mount"
     PLACE = Place(r"(?P<lobes>\d+)", "3 (lobes)")
 
     def apply(self, scene: S) -> S:

@@ -15,6 +15,7 @@ class ClockRate(Effect):
     ppm: float = size(10000, 20)
 
     STAGE = "time"
+    DEED = "enter"
 
     def apply(self, scene: S) -> S:
         """A stamp t stands for t - ppm t, counted from the run's begin."""

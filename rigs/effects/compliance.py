@@ -25,6 +25,7 @@ class Compliance(Effect):
     payload_kg: float = shape(0, 500, 0.0)
 
     STAGE = "joint"
+    DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS
     FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=_HEAVY_KG),)

@@ -17,6 +17,7 @@ class GaugeBaseline(Effect):
     delta_mm: float = size(10, 0.05)
 
     STAGE = "setup"
+    DEED = "enter"
 
     def apply(self, scene: S) -> S:
         """Each gauge moves out by half; one gauge alone has no baseline."""

@@ -36,6 +36,7 @@ class GaugeCyclic(Effect):
     phase_deg: float = shape(-360, 360, 0.0)
 
     STAGE = "gauge"
+    DEED = "mount"
     PLACE = Place(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
     STRETCHED = (StretchedShape("period_mm", 0.05),)
 

@@ -18,6 +18,7 @@ class GaugeInclination(Effect):
     angle_deg: float = size(30, 0.5, least=0.0)
 
     STAGE = "gauge"
+    DEED = "mount"
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:

@@ -19,6 +19,7 @@ class JointOffset(Effect):
     offset_deg: float = size(5, 0.02)
 
     STAGE = "joint"
+    DEED = "remaster"
     PART = "constants"
     PLACE = AT_AXIS
 

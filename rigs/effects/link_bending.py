@@ -22,6 +22,7 @@ class LinkBending(Effect):
     mm_per_Nm: float = size(0.05, 1e-4, least=0.0)
 
     STAGE = "tool"
+    DEED = "enter"
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:

@@ -28,6 +28,7 @@ class LinkGeometry(Effect):
     delta: float = size(50, 0.2)
 
     STAGE = "arm"
+    DEED = "enter"
     STRAIGHT = 0.02  # at all of a healthy size what is not straight would already show
     # Hayati's beta is one more than four parameters a joint need.
     PLACE = Place(

@@ -33,6 +33,7 @@ class RailLine(Effect):
     """Healthy: racks of quality 6 (DIN 3962) are within 0.036 mm on a metre, levels and lasers align as well."""
 
     STAGE = "tool"
+    DEED = "mount"
     PART = "constants"
     PLACE = Place("(?P<way>along|across|up)?", "along", {"way": _WAYS})
 

@@ -15,6 +15,7 @@ class TimeLag(Effect):
     lag_s: float = size(1, 1e-3)
 
     STAGE = "time"
+    DEED = "enter"
 
     def apply(self, scene: S) -> S:
         """Everything is as it was `lag_s` before the stamp."""

@@ -35,6 +35,9 @@ _PART_OF: dict[Stage, PartKind] = {
     "gauge": "gauges",
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
+Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
+"""What a hand does about an effect: repair a part of the arm, re-master a joint, enter a number, mount ball or gauges
+anew, or wait until it is warm."""
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
@@ -177,6 +180,8 @@ class Effect(Part, ABC):
     """The part of an arm's error that it belongs to, where its stage does not say that."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
+    DEED: ClassVar[Deed] = "repair"
+    """What a hand does about it."""
     MOST: ClassVar[float] = 120.0
     """The largest size that a fit may find, in healthy sizes: faults are at most 100, and the simulator was not tested
     far beyond."""

@@ -1,0 +1,228 @@
+"""The list of acts that follow from a diagnosis, each judged by what it alone leaves at a place without part in it.
+
+What an act removes is computed by doing it in the model and fitting the set-ups again, as in the gap: nothing of
+another part is counted with it. What the whole model still misses at the place where it was judged is part of the
+uncertainty of each figure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from analysis.inference.acts import Act, Against, Cost, JudgedOn, Reason, Test
+from analysis.inference.budget import CERTAIN_SIGMA, LARGE_SHARE
+from analysis.inference.observation import ObservedRun
+from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named
+from analysis.inference.validation import Stages, left_um
+from rigs.calibration import verdict_of
+from rigs.effects import Effect
+from rigs.schema.effect import name_of, size_field
+
+LEAST_SHARE = 0.1
+"""Share of the error from which every part has an act, or a reason why there is none."""
+_WORTH = 0.8
+"""Share of the error up to which what a correction leaves makes it worth while. Chosen: a fifth less."""
+_SHAPES = 2.0
+"""Independent shapes that what a model misses at one place has: half of it is then one standard uncertainty of what it
+misses at the next, 1 / √(2 · 2). Chosen: the least for which an rms has a standard uncertainty at all."""
+
+
+@dataclass(frozen=True)
+class JudgedPlace:
+    """The runs by which acts are judged, those by which set-ups of the same placement are fitted, the models, and the
+    gap there."""
+
+    place: JudgedOn
+    used: Sequence[ObservedRun]
+    there: Sequence[ObservedRun]
+    stages: Stages
+    gap: Gap
+
+    def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
+        """Return the figures of an act that takes away some effects, of which the change is known to a share."""
+        before = self.gap.before_um
+        after = left_um(self.there, self.used, effects)
+        change = math.sqrt(max(abs(before**2 - after**2), 0.0))
+        u_um = math.hypot(relative_u * change, self.missed_um / math.sqrt(2 * _SHAPES), self.floor_u_um)
+        return Act(
+            "none", "sound", removes_um=before - after, removes_u_um=u_um, place=self.place, remains_um=after,
+            remains_u_um=u_um,
+        )  # fmt: skip
+
+    @property
+    def missed_um(self) -> float:
+        """What the calibrated model leaves there beyond the noise."""
+        return math.sqrt(max(self.gap.calibrated_um**2 - self.gap.noise_floor_um**2, 0.0))
+
+    @property
+    def floor_u_um(self) -> float:
+        """By how much the noise of single runs moves a gap."""
+        return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
+
+
+def acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]] = ()) -> tuple[Act, ...]:
+    """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
+    tests that would name a part of the budget, by its index."""
+    if found.given:
+        return ()
+    if found.condition == "not_testable_here":
+        return (Act("measure", "not_visible", command=("plan", _model(found))),)
+    acts = [*_repairs(found, judged), *_corrections(found, judged)]
+    acts.sort(key=lambda one: -one.removes_um)
+    asked = _measurements(found, judged, tests)
+    first = [one for one in asked if _comes_first(one, acts, found)]
+    acts = [*first, *acts, *(one for one in asked if one not in first)]
+    return tuple([*acts, *_without_act(found, acts)] or [Act("none", "sound")])
+
+
+def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
+    """Return what a hand does about faults, and about what is of usual size and makes much of the error."""
+    acts = []
+    for k, part in enumerate(found.budget):
+        if part.index is None:
+            continue
+        one = found.effects[part.index]
+        large = part.share > LARGE_SHARE and part.sigma >= CERTAIN_SIGMA and one.doubt in (None, "usual")
+        if not one.shown or not (one.stands or (large and one.effect.DEED in ("remaster", "enter"))):
+            continue
+        relative = part.u_um / part.um if part.um > 0 else 1.0
+        figures = judged.removed([one.effect], relative)
+        why: Reason = "fault" if one.stands else "sure_and_large"
+        acts.append(
+            replace(
+                figures,
+                kind=one.effect.DEED,
+                why=why,
+                parts=(k,),
+                effect=one.effect,
+                u=one.sd.get(size_field(one.effect)),
+                against=_against(found, one, judged),
+            )
+        )
+    return acts
+
+
+def _against(found: Diagnosis, one: Named, judged: JudgedPlace) -> tuple[Against, ...]:
+    rivals = tuple(name_of(rival.effect) for rival in one.rivals if rival.posterior * ODDS >= one.posterior)
+    against = [Against("rivals", names=rivals)] if rivals else []
+    if one.doubt is not None and one.doubt != "usual":
+        against.append(Against("doubt", doubt=one.doubt))
+    return (*against, *_of_the_place(found, judged))
+
+
+def _of_the_place(found: Diagnosis, judged: JudgedPlace) -> list[Against]:
+    """Return what speaks against every figure."""
+    against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
+    if found.condition == "undecided":
+        against.append(Against("few_runs", runs=found.runs_to_decide))
+    if found.condition == "outside_library":
+        against.append(Against("unexplained"))
+    return against
+
+
+def _corrections(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
+    """Return the correction for today: programs and entries by everything of the arm that the model holds."""
+    if found.calibrated is None or verdict_of(found.calibrated) == "nothing":
+        return []
+    effects = [one for one in judged.stages.effects[-1] if one.compensation().use != "none"]
+    if not effects:
+        return []
+    parts = tuple(k for k, one in enumerate(found.budget) if _is_corrected(found, one))
+    own = [found.budget[k] for k in parts]
+    whole = sum(abs(one.share) for one in own) or 1.0
+    relative = sum(abs(one.share) * (one.u_um / one.um if one.um > 0 else 1.0) for one in own) / whole
+    figures = judged.removed(effects, min(relative, 1.0))
+    if not _is_worth_while(found, figures):
+        return []
+    return [
+        replace(
+            figures,
+            kind="load",
+            why="correction",
+            parts=parts,
+            cost=Cost(minutes=0.0),
+            command=("correct", _model(found), "-o", "CORRECTIONS"),
+            against=tuple(_of_the_place(found, judged)),
+        )
+    ]
+
+
+def _is_corrected(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether targets can hold a part."""
+    if part.index is not None:
+        return found.effects[part.index].effect.compensation().use != "none"
+    return part.kind in ("constants", "gravity", "curve")
+
+
+def _is_worth_while(found: Diagnosis, figures: Act) -> bool:
+    """Return whether a correction gains for certain, and as much as is worth the work."""
+    before = figures.removes_um + figures.remains_um
+    standing = found.accuracy.standing in ("watch", "fail")
+    return figures.removes and (figures.remains_um < _WORTH * before or (standing and figures.removes_um > 0))
+
+
+def _model(found: Diagnosis) -> str:
+    return f"FOUND/{found.rig.name}.yaml"
+
+
+def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]]) -> list[Act]:
+    """Return what is to be measured: what tells rivals apart, names a group, decides, or judges elsewhere."""
+    acts = []
+    if found.condition == "undecided":
+        parts = tuple(k for k, one in enumerate(found.budget) if one.rank == "undecided" and one.index is not None)
+        acts.append(Act("measure", "few_runs", parts=parts, runs=found.runs_to_decide))
+    for k, part in enumerate(found.budget):
+        own = found.effects[part.index] if part.index is not None else None
+        if own is not None and own.stands and any(rival.posterior * ODDS >= own.posterior for rival in own.rivals):
+            planned = next(((test, cost) for place, test, cost in tests if place == k), None)
+            test, cost = planned or (None, Cost())
+            against = () if planned else (Against("no_place"),)
+            acts.append(Act("measure", "rivals", parts=(k,), test=test, cost=cost, against=against))
+    for k, part in enumerate(found.budget):
+        if part.members:
+            planned = next(((test, cost) for place, test, cost in tests if place == k), None)
+            test, cost = planned or (None, Cost())
+            against = () if planned else (Against("no_place"),)
+            acts.append(Act("measure", "group", parts=(k,), test=test, cost=cost, against=against))
+    if found.condition == "outside_library":
+        parts = tuple(k for k, one in enumerate(found.budget) if one.kind == "unexplained")
+        acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
+    if judged.place == "used":
+        acts.append(Act("measure", "elsewhere", place="used"))
+    return acts
+
+
+def _comes_first(one: Act, acts: Sequence[Act], found: Diagnosis) -> bool:
+    """Return whether a measurement comes before every act that removes something: where nothing may be corrected, where
+    too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
+    if one.why == "unexplained":
+        return not any(act.kind == "load" for act in acts)
+    if one.why == "few_runs":
+        return not any(act.kind == "load" and act.place != "used" for act in acts)
+    if one.why == "rivals":
+        return bool(acts) and acts[0].parts == one.parts
+    return one.why == "group" and not acts
+
+
+def _without_act(found: Diagnosis, acts: Sequence[Act]) -> list[Act]:
+    """Return the reason for each part above a tenth of the error that no act serves."""
+    served = {k for one in acts for k in one.parts}
+    reasons = []
+    for k, part in enumerate(found.budget):
+        if part.share > LEAST_SHARE and k not in served:
+            reasons.append(Act("none", _reason(found, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um))
+    return reasons
+
+
+def _reason(found: Diagnosis, part: BudgetPart) -> Reason:
+    if part.kind == "scatter":
+        return "scatter"
+    if part.kind == "unexplained":
+        return "unexplained"
+    if part.kind in ("gauges", "clocks"):
+        return "gauges"
+    if part.index is not None and found.effects[part.index].effect.compensation().use == "none":
+        return "gauges" if found.effects[part.index].effect.STAGE in ("gauge", "setup", "time") else "history"
+    return "history" if part.kind in ("reversal", "warming") else "too_small"
