@@ -19,12 +19,12 @@ from analysis.session.cell import EmulatedHands
 from analysis.session.correct import CORRECTIONS, entries_file
 from analysis.session.plan import Program
 from analysis.session.run import Asked, Means, run_session
+from analysis.session.simulated import SimulatedCells, SimulatedInference
 from analysis.session.state import Emulated, Place
 from daq import clock
+from daq.simulated.clock import SimulatedClock
 from rigs.errors import RigError
 from rigs.load import load
-from tests.support.simulated_clock import SimulatedClock
-from tests.support.simulated_session import SimulatedCells, TimedInference
 
 MOST_STARTS = 8
 """So often the same command is given again."""
@@ -171,7 +171,7 @@ def _one_start(
     hands = TroubledHands(directory, asked, cells, at_robot, computer.meanwhile)
     place = Place(directory)
     try:
-        run_session(rig, text, place, asked, Lines(), Means(hands, cells.start_rigd, TimedInference.start))
+        run_session(rig, text, place, asked, Lines(), Means(hands, cells.start_rigd, SimulatedInference.start))
     except RigError as error:
         print(f"error: {error}", flush=True)
         return error.exit_code

@@ -7,6 +7,7 @@ of ten kinds of trouble. What is said of the arm is read from what the session w
 from __future__ import annotations
 
 import json
+import math
 import random
 import shutil
 import statistics
@@ -155,10 +156,24 @@ def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, An
     found["invented"] = _invented(session, directory, set(found["hidden"]))
     found["off_u"] = _off_u(trial, session, directory)
     verified = session.verified
+    found["first_act"] = _first_act(session, directory)
     if verified and verified.elsewhere_before:
         before, after = verified.elsewhere_before, verified.elsewhere_after
-        found |= {"before_um": before.um, "after_um": after.um if after else None}
+        found |= {"before_um": before.um, "after_um": after.um if after else None, "u_um": after.u_um if after else 0.0}
+        stated = session.correction and session.correction.elsewhere
+        if stated and after:
+            found |= {"stated_um": stated.um, "stated_u_um": stated.u_um}
+            found["kept"] = abs(after.um - stated.um) <= 2 * math.hypot(stated.u_um, after.u_um)
     return found
+
+
+def _first_act(session: Session, directory: Path) -> str:
+    """What the last inference has a person do first: its kind, and the cause where it has one."""
+    if session.answer is None:
+        return ""
+    data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
+    first = next(iter(data["acts"]), None)
+    return " ".join(filter(None, [first["kind"], first["effect"]])) if first else ""
 
 
 def _lost(session: Session, directory: Path) -> int:
@@ -206,11 +221,14 @@ def _name(effect: dict[str, Any]) -> str:
 def line_of(found: dict[str, Any]) -> str:
     """An outcome in a line."""
     errors = f"{found.get('before_um')} -> {found.get('after_um')} um" if "before_um" in found else "-"
+    if "stated_um" in found:
+        errors += f" (stated {found['stated_um']} ± {found['stated_u_um']}{'' if found['kept'] else ', NOT KEPT'})"
     end = "finished" if found["finished"] else "NOT FINISHED"
     return (
         f"{found['number']:3} {found['arm']:11} {found['maker']:7} {end}"
         f" named {len(found.get('named', []))} of {len(found['hidden'])} ({', '.join(found['hidden'])});"
-        f" {found.get('condition')}, {found.get('way')}: {errors}; {found['minutes']} min, {found.get('runs')} runs of"
+        f" {found.get('condition')}; first {found.get('first_act')};"
+        f" {found.get('way')}: {errors}; {found['minutes']} min, {found.get('runs')} runs of"
         f" {found.get('planned')}; trouble {found['trouble']}, exits {found['exits']}"
     )
 
@@ -246,7 +264,10 @@ def main(
         for key in ("before_um", "after_um"):
             values = sorted(one[key] for one in both)
             p90 = values[min(len(values) - 1, int(0.9 * len(values)))]
-            typer.echo(f"{key} at a place not used: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
+            typer.echo(f"{key} at the other place: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
+        stated = [one for one in both if "kept" in one]
+        typer.echo(f"as stated within 2 u: {sum(one['kept'] for one in stated)} of {len(stated)}")
+        typer.echo(f"larger than before: {sum(one['after_um'] > one['before_um'] for one in both)} of {len(both)}")
     minutes = [one["minutes"] for one in outcomes]
     typer.echo(f"minutes: median {statistics.median(minutes):.1f}, most {max(minutes):.1f}")
     used = [(one["runs"], one["planned"]) for one in outcomes if "runs" in one]

@@ -2,7 +2,8 @@
 
 Nothing of the working tree is in reach of that environment, so that what the wheel lacks is missed: commands, rig
 files, templates, marks of types, dependencies. The packages that rig needs come from the package registry; the exit
-code is 75 where that cannot be reached.
+code is 75 where that cannot be reached. With --borrow they are those of the environment that runs this, and only a
+dependency that pyproject.toml lacks is not missed.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import tomllib
 from dataclasses import dataclass
@@ -47,12 +49,13 @@ class Environment:
 
 def main(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Keep the wheel and the source here.")] = None,
+    borrow: Annotated[bool, typer.Option("--borrow", help="Take the packages that rig needs from here.")] = False,
 ) -> None:
     """Build, install and use the wheel; each step prints a line."""
     with tempfile.TemporaryDirectory(prefix="rig-wheel-") as scratch:
         wheel = build(output or Path(scratch) / "dist")
         print(f"built {wheel.name}, {wheel.stat().st_size / 1e3:.0f} kB", flush=True)
-        environment = install(wheel, Path(scratch))
+        environment = install(wheel, Path(scratch), borrow=borrow)
         print("installed it into an empty environment", flush=True)
         for line in use(environment):
             print(line, flush=True)
@@ -67,12 +70,16 @@ def build(folder: Path) -> Path:
     return folder / f"rig_metrology-{VERSION}-py3-none-any.whl"
 
 
-def install(wheel: Path, scratch: Path) -> Environment:
-    """Make an empty environment, and install a wheel with what it asks for."""
+def install(wheel: Path, scratch: Path, *, borrow: bool) -> Environment:
+    """Make an empty environment, and install a wheel with what it asks for, or with what is installed here."""
     environment = Environment(scratch / "environment", scratch / "empty")
     environment.work.mkdir()
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment.place], check=True)
-    if _pip(environment, str(wheel)):
+    if borrow:
+        packages = environment.place / "lib" / Path(sysconfig.get_path("purelib")).parent.name / "site-packages"
+        # A path alone: what is installed here from the working tree by a .pth of its own is not in reach.
+        (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    if _pip(environment, str(wheel), *(("--no-deps",) if borrow else ())):
         if _pip(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
             print("error: the package registry cannot be reached; run it again with network", file=sys.stderr)
             raise typer.Exit(OFFLINE)

@@ -98,8 +98,8 @@ class Parameter(Part):
 class Judged(Part):
     """What a diagnosis said of its model where it was judged, rms in µm of the readings.
 
-    `condition` is that of the diagnosis. `place` says where: at another place, on runs or poses held out, or on the runs
-    used. `before_um` was left there without the model, `names_um` by the named effects alone, `whole_um` by everything
+    `condition` is that of the diagnosis. `place` says where: at another place, on runs or poses held out, or on the
+    runs used. `before_um` was left there without the model, `names_um` by the named effects alone, `whole_um` by all
     that was found, and `handed_um` by what the file holds: the names alone where these do better. `unexplained_um` is
     what the model leaves there beyond the noise, of one coordinate; every uncertainty made from the file contains it.
     """
@@ -115,7 +115,7 @@ class Judged(Part):
 
     @property
     def gained(self) -> float:
-        """Share of the mean square beyond the noise that the model takes away there; negative where it makes it worse."""
+        """Share of the mean square beyond the noise that the model takes away there; negative where it adds."""
         floor = self.noise_um**2
         return 1 - max(self.handed_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 

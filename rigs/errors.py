@@ -83,6 +83,14 @@ class PathError(FileError):
         self.reason = reason
 
 
+class DirectionError(FileError):
+    """A circle was driven in the other direction than its run is labelled with. drove: the direction it was driven."""
+
+    def __init__(self, where: str, what: str, remedy: str, drove: Literal["cw", "acw"]) -> None:
+        super().__init__(where, what, remedy)
+        self.drove = drove
+
+
 class CellError(RigError):
     """The cell does not answer as it should: a port, a gauge, the robot, the daemon."""
 

@@ -13,6 +13,8 @@ from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, Calibratio
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_text
+from rigs.names import the_same
+from rigs.plausible_calibration import hold_plausible
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -62,11 +64,16 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
             return path
     except OSError as error:
         raise _unreadable(path, error) from None
-    if str(name) in known:
-        return known[str(name)]
+    if shipped_name := the_same(str(name), known):
+        return known[shipped_name]
     if path.is_dir():
         raise FileError(str(name), f"is a directory, and no {what}", "give a file in it")
     raise FileError(str(name), f"no such {what}", f"give a path, or the name of a shipped {short}: {', '.join(known)}")
+
+
+def is_shipped(file: Path) -> bool:
+    """Return whether a rig file is one of the package, whose addresses are of nobody's cell."""
+    return file.resolve().is_relative_to(SHIPPED.resolve())
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
@@ -76,7 +83,10 @@ def load(name: str | Path) -> tuple[Rig, str]:
     text = _text(path)
     rig = parse(text, str(path))
     if rig.calibration:
-        rig = rig.with_calibration(rig.calibration, _calibration(path.parent / rig.calibration.file, rig.calibration))
+        beside = path.parent / rig.calibration.file
+        content = _calibration(beside, rig.calibration)
+        hold_plausible(content, rig, str(beside))
+        rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
 

@@ -4,16 +4,19 @@ repeated."""
 from __future__ import annotations
 
 import gc
+import math
 import os
 import re
+import time
 from collections.abc import Generator
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.nightly import NIGHT_IS_OVER
 from tests.support.stalls import Stalls
 
-pytest_plugins = ["tests.support.cpu_limit"]
+pytest_plugins = ["tests.support.cpu_limit", "tests.support.durations"]
 TRIES = 3
 _UNJUDGED = f"each of {TRIES} tries was held up, so nothing follows from it"
 MOST_UNJUDGED = 3
@@ -32,6 +35,17 @@ of the processor time that collecting and quick tests take (14.1 s for 9.5 s of 
 
 class HeldUpError(Exception):
     """A test failed after it was held up for longer than it may be, so the failure says nothing about the program."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option of `scripts/dev nightly`."""
+    parser.addoption("--night-ends", type=float, default=math.inf, help="begin no test after this time of the clock, s")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Begin nothing after the end of a night."""
+    if time.time() > item.config.getoption("--night-ends"):
+        pytest.skip(NIGHT_IS_OVER)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

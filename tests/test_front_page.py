@@ -13,10 +13,12 @@ import pytest
 
 from tests.support.ground.score import scored
 from tests.support.ground.tasks import Size, make, read_tasks
+from tests.support.nightly import cases
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
 DATA = ROOT.parent / "shared" / "data"
+ROWS = {"ur5": "UR5, 1000 poses", "ur5-few": "UR5, 30 poses"}
 LIKE = 0.03
 """By which figures may differ: those of the page are rounded."""
 
@@ -64,15 +66,13 @@ def test_what_is_missing_is_found_as_the_page_says(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not (DATA / "jacobi").is_dir(), reason="the measured data of ../shared/data are not here")
 @pytest.mark.cpu_limit(120)
-def test_the_table_of_real_arms_is_what_rig_reaches(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("task_name", "row"), cases(ROWS.items(), [("ur5-few", "UR5, 30 poses")]))
+def test_the_table_of_real_arms_is_what_rig_reaches(task_name: str, row: str, tmp_path: Path) -> None:
     """The rows of the UR5; the others take minutes: `scripts/dev ground run`."""
     make(tmp_path, 97, Size({}, {}, arms=0), DATA)
     answer = runpy.run_path(str(ROOT / "dev" / "_ground_rig.py"))["answer"]
-    rows = {"ur5": "UR5, 1000 poses", "ur5-few": "UR5, 30 poses"}
-    for task in read_tasks(tmp_path / "tasks"):
-        if task.name in rows:
-            answer(task, tmp_path / "tasks" / task.name, tmp_path / f"{task.name}.csv", tmp_path)
+    (task,) = (one for one in read_tasks(tmp_path / "tasks") if one.name == task_name)
+    answer(task, tmp_path / "tasks" / task.name, tmp_path / f"{task.name}.csv", tmp_path)
     found = scored(tmp_path, tmp_path)
-    for row in rows.values():
-        (told,) = re.findall(rf"^\| {row} \| 20 \| \d+ \| (\d+) ", _section("What it reached on real arms"), re.M)
-        assert found[row]["error_um"].value == pytest.approx(float(told), rel=LIKE), row
+    (told,) = re.findall(rf"^\| {row} \| 20 \| \d+ \| (\d+) ", _section("What it reached on real arms"), re.M)
+    assert found[row]["error_um"].value == pytest.approx(float(told), rel=LIKE)

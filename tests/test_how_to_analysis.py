@@ -42,14 +42,13 @@ def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tupl
         chosen,
         "tests/rigs/test_gauge_bow.py",
         contract,
-        timeout_s=250,
     )
 
 
 @pytest.mark.nightly  # half a minute of processor time; that it keeps the contract is shown in each commit
 def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[Path, list[str]]) -> None:
     tree, _ = with_effect
-    said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"), timeout_s=250)
+    said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"))
     assert "bow of gauge g1" in said and "gauge_bow g1" in said
     (fitted,) = yaml.safe_load((tree / "bow" / "fitted.yaml").read_text())["effects"]
     assert (fitted["effect"], fitted["gauge"]) == ("gauge_bow", "g1")

@@ -182,15 +182,18 @@ def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unsee
     unseen: runs at another place or radius, each compared in a set-up of its own.
 
     Returns `runs` with the curves and figures of both and `residuals_mm` (m, k) of every reading, `poses` with what is
-    left of runs without gauges, the fitted `setups`, and `doubts` in words.
+    left of runs without gauges, the fitted `setups`, and `doubts` in words. `disagreement` is where model and readings
+    disagree, with the joints that turn back there, and what is left as the model's effects are added one by one.
 
     Raises FileError where a run is not of the model's robot or circle.
 
     Source: docs/simulation.md.
     """
     from analysis.inference.compare import compare as compare_with  # noqa: PLC0415
+    from analysis.inference.disagreement import located  # noqa: PLC0415
 
-    return compare_with(runs, _model(rig, runs), unseen)
+    model = _model(rig, runs)
+    return located(compare_with(runs, model, unseen), model, runs, unseen)
 
 
 def calibrate(

@@ -26,6 +26,13 @@ def arms(
             help="The arm's own calibration.conf, from the controller of a UR (~/.urcontrol); default: as published."
         ),
     ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="Joints and flange poses as the controller computed them, 20 or more: its own constants are read out "
+            "of them; default: none."
+        ),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
     ] = None,
@@ -37,7 +44,7 @@ def arms(
     from rigs.arms import arm_names, load_arm  # noqa: PLC0415
 
     if name is None:
-        if calibration or output:
+        if calibration or output or poses:
             raise typer.BadParameter("name the arm", param_hint="NAME")
         found = [load_arm(one) for one in arm_names()]
         if as_json:
@@ -45,6 +52,8 @@ def arms(
         else:
             PlainConsole().print(arms_table.as_table(found))
         return
+    if calibration and poses:
+        raise typer.BadParameter("give the calibration of the controller, or poses of it", param_hint="--poses")
     arm = load_arm(name)
     robot, text = arm.robot, arms_table.section(arm)
     if calibration:
@@ -55,6 +64,16 @@ def arms(
         say(f"{calibration} moves the flange by up to {own.moved_mm:.3f} mm", err=True)
         for doubt in own.doubts:
             say(doubt, err=True, mark="note: ")
+    if poses:
+        from analysis.files.controller_constants import controller_constants  # noqa: PLC0415
+        from analysis.files.imports import poses_of_controller  # noqa: PLC0415
+        from rigs.load import parse  # noqa: PLC0415
+
+        seen = poses_of_controller([poses], parse(f"name: {name}\n{arm.text}", name))
+        R = None if seen.turn is None else seen.turn.as_matrix()
+        computed = controller_constants(arm, seen.q, seen.xyz_mm, R, str(poses))
+        robot, text = computed.robot, computed.text
+        say(computed.words, err=True)
     if output or not as_json:
         write_section(text, output)
     if as_json:

@@ -122,7 +122,7 @@ def _rig_in(run: Run) -> Rig:
 
 
 def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
-    from analysis.inference.setups import same_arm  # noqa: PLC0415
+    from analysis.inference.placements import same_arm  # noqa: PLC0415
     from analysis.kinematics.arm import arm_of  # noqa: PLC0415
 
     if not same_arm(arm_of(own.robot), arm_of(rig.robot)):

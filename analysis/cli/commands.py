@@ -29,11 +29,24 @@ def _with_plain_flags(parameters: list[Any]) -> list[Any]:
     return parameters
 
 
+_OLD_OPTIONS = {
+    "correct": {"--controller": "--for"},
+    "history": {"--data": "--runs"},
+    "simulate": {"--runs": "--times"},
+}
+"""Options as earlier versions spelled them, by command: they are understood, and no help shows them."""
+
+
 class Command(TyperCommand):
-    """A command whose flags are plain."""
+    """A command whose flags are plain, and which understands options as they were spelled before."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        new_names = _OLD_OPTIONS.get(self.name or "", {})
+        spelled = [word.partition("=") for word in args]
+        return super().parse_args(ctx, ["".join((new_names.get(name, name), *rest)) for name, *rest in spelled])
 
 
 JOBS = {

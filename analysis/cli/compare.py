@@ -56,7 +56,10 @@ def compare(
         ),
     ] = None,
     as_json: AsJson = False,
-    plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Directory for a picture of each run, and one of where they disagree; default: write none."),
+    ] = None,
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
 
@@ -82,7 +85,7 @@ def compare(
         found = analysis.compare(measured, rig_file, unseen=elsewhere)
     if plot:
         with progress_of("drawing the pictures"):
-            pictures = list(comparison_report.save_pictures(found.runs, plot))
+            pictures = list(comparison_report.save_pictures(found, plot))
         for path in pictures:
             say(path, err=True)
     if as_json:

@@ -75,8 +75,8 @@ def arms() -> Iterator[str]:
 
 @_quietly
 def robots(ctx: typer.Context) -> Iterator[str]:
-    """Offer the rigs that the runs below --data were made with."""
-    directory = Path(ctx.params.get("data") or "runs")
+    """Offer the rigs that the runs below --runs were made with."""
+    directory = Path(ctx.params.get("runs") or "runs")
     names = (json.loads((run / "manifest.json").read_bytes()) for run in directory.iterdir() if _is_run(run))
     yield from sorted({str(manifest["rig_name"]) for manifest in names})
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
-from rigs.schema.vocabulary import FEWEST_AXES, Maker, maker_of
+from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, DrivenTest, Maker, maker_of
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from rigs.rig import Rig
@@ -34,11 +35,7 @@ _Targets = Annotated[
 ]
 _Maker = Annotated[
     Maker | None,
-    typer.Option(
-        metavar="MAKER",  # all makers in its place do not fit 80 columns
-        help="Maker of the controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or "
-        "yaskawa; default: that of the robot feedback in the rig file.",
-    ),
+    maker_option("Maker of the controller whose parameters are written", "that of the robot feedback in the rig file"),
 ]
 _Scale = Annotated[
     str | None,
@@ -88,7 +85,7 @@ def correct(
     rig_file: _FoundRig,
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
     path: _Targets = None,
-    controller: _Maker = None,
+    maker: _Maker = None,
     scale: _Scale = None,
     entered: Annotated[
         bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
@@ -96,6 +93,10 @@ def correct(
     programs: _Programs = None,
     tools: _Tools = None,
     frames: _Frames = None,
+    anyway: Anyway = False,
+    whole: Annotated[
+        bool, typer.Option("--all-or-nothing", help="Write only programs of which no target was left as it was.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
@@ -103,17 +104,20 @@ def correct(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.controllers import scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig, target_errors  # noqa: PLC0415
+    from analysis.correction.corrected_program import Programs  # noqa: PLC0415
     from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
+    from analysis.correction.refusal import hold_verdict  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load, named_by  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    maker = controller or maker_of(rig.feedback.interface)
+    hold_verdict(rig, rig_file, anyway=anyway)
+    maker = maker or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
-        known = frames_of(rig.robot, tools or (), frames or ())
-        found = correct_rig(rig, path, maker, factors, entered=entered, programs=programs or (), frames=known)
+        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole)
+        found = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
         written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
@@ -121,11 +125,8 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
-    _say_next(
-        maker,
-        next((file for file in written if path and file.name == f"corrected-{path.name}"), None),
-        rig,
-    )
+    corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
+    _say_next(rig_file, rig, maker, directory, corrected)
     if programs:
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
         say(
@@ -140,13 +141,18 @@ def correct(
     end_with(worst(left))
 
 
-def _say_next(maker: Maker | None, corrected: Path | None, rig: Rig) -> None:
+def _say_next(rig_file: str, rig: Rig, maker: Maker | None, directory: Path, corrected: Path | None) -> None:
     """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
-    programmed = axes == FEWEST_AXES and not rail
+    programmed, file = axes == FEWEST_AXES and not rail, as_argument(rig_file)
     if maker is None and programmed:
-        say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
+        ur, *others = MAKERS
+        beside = as_argument(directory.with_name(f"{directory.name}-{ur}"))
+        what = f"the controller's own parameters; or {', '.join(others)}"
+        say(f"next: rig correct {file} --for {ur} -o {beside}  # {what}", err=True)
     if corrected:
         say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
-        if programmed:
-            say(f"      or, for the targets of a test: rig program RIG … --path {corrected}", err=True)
+        test = corrected.name.removeprefix("corrected-").removesuffix("-path.csv")
+        if programmed and test in get_args(DrivenTest):
+            more = f"--for {maker or MAKERS[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
+            say(f"next: rig program {file} {more}", err=True)

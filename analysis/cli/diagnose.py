@@ -13,6 +13,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
 from rigs.errors import RigError, UseError
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
@@ -129,6 +130,7 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
     from analysis.reporting.html_page import is_page  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
     from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
+    from rigs.calibration import verdict_of  # noqa: PLC0415
 
     if is_page(output):
         with progress_of() as progress:
@@ -141,4 +143,7 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
         say(f"wrote {path}", err=True)
     if written[-1].suffix == ".yaml":
         model = written[-1]
-        say(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
+        runs = " ".join(as_argument(run.run.path) for run in measured)
+        say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # is nothing missing any more?", err=True)
+        if found.calibrated is None or verdict_of(found.calibrated) == "correct":
+            say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

@@ -37,13 +37,18 @@ def doctor(
     from functools import partial  # noqa: PLC0415
 
     from daq.doctor import Verdict, examine, scan_modbus  # noqa: PLC0415
-    from rigs.load import find, load  # noqa: PLC0415
+    from rigs.errors import UseError  # noqa: PLC0415
+    from rigs.load import find, is_shipped, load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
+    if scan and is_shipped(path):
+        what = f"asks the ports of the rig file, and {rig_file} is a shipped example"
+        raise UseError("--scan", what, "give the rig file of your cell")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
-    made = scan_modbus(rig, partial(say, err=True)) if scan else examine(rig, (runs or _runs(unit)).absolute(), unit)
+    examined = partial(examine, rig, (runs or _runs(unit)).absolute(), unit, example=is_shipped(path))
+    made = scan_modbus(rig, partial(say, err=True)) if scan else examined()
     for finding in made:
         findings.append(finding)
         if not as_json:

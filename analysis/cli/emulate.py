@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import RigArgument
+from analysis.cli.options import RigArgument, maker_option
 from rigs.schema.vocabulary import Maker
 
-TRUTH, MARKS = "truth.json", "out-of-step.txt"
-"""Files beside the rig file of an emulated cell, and of a replayed one."""
+if TYPE_CHECKING:
+    from daq.service.instance_lock import InstanceLock
+
+MARKS = "out-of-step.txt"
+"""A file beside the rig file of a replayed cell."""
 HiddenEffects = Annotated[
     str | None,
     typer.Option(
@@ -38,10 +41,8 @@ def emulate(
     ] = None,
     maker: Annotated[
         Maker | None,
-        typer.Option(
-            "--for",
-            help="Maker of the controller that drives --programs; default: that of the robot feedback in the rig file, "
-            "else that of the first program.",
+        maker_option(
+            "Maker of the controller that drives --programs", "that of the robot feedback, else of the first program"
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
@@ -56,15 +57,15 @@ def emulate(
     end. show speed_percent 40, and the like, changes what the robot shows of
     its condition, not how it drives.
     """
-    import json  # noqa: PLC0415
     import signal  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from analysis.cli.emulated_keyboard import Keyboard  # noqa: PLC0415
+    from analysis.emulation.cell_files import write_cell_files  # noqa: PLC0415
+    from analysis.emulation.keyboard import Keyboard  # noqa: PLC0415
     from analysis.emulation.pendant import Pendant  # noqa: PLC0415
-    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
+    from analysis.setup.dialogue import has_keyboard  # noqa: PLC0415
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
-    from daq.store import durable  # noqa: PLC0415
     from rigs.errors import FileError, UseError  # noqa: PLC0415
     from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
 
@@ -78,16 +79,8 @@ def emulate(
     with named_by(rig_file, rig):
         robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
-        for name, content in rig.beside.items():
-            durable.replace(directory / name, content)
-        durable.replace(
-            path, cell.rig_text(text, emulated=True).encode()
-        )  # the last: by the other it is known as an emulated cell's
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    lock = locked_cell(directory)
+    write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
     signal.signal(signal.SIGINT, lambda *_: ends.put(130))
@@ -97,23 +90,38 @@ def emulate(
             say(f"{name}: {port}")
         own = ", ".join(["run NAME"] if programs else PROGRAMS)
         say(f"ready; next: rigd {path}; then type here: {own} or quit")
-        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put)
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, say)
         keyboard.start()
-        keyboard.read()
+        keyboard.read(has_person=has_keyboard())
         exit_code = ends.get()
     finally:
         sent = cell.stop()
+        lock.release()
     for name, count in sent.items():
         say(f"{name}: {count} sent")
     raise typer.Exit(exit_code)
 
 
+def locked_cell(directory: Path) -> InstanceLock:
+    """Make the directory of an emulated or replayed cell, and lock it. Raises FileError where it cannot be made, and
+    CellError where another cell is served in it."""
+    from daq.service.instance_lock import InstanceLock  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    return InstanceLock.take_cell(directory)
+
+
 def rig_file_of_cell(directory: Path) -> Path:
     """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
     FileError for any other rig file."""
+    from analysis.emulation.cell_files import RIG, TRUTH  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
-    path = directory / "rig.yaml"
+    path = directory / RIG
     if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
     return path

@@ -61,9 +61,9 @@ def fleet(
 
         hold_page(output)
     if parquet:
-        from analysis.fleet import table  # noqa: PLC0415
+        from analysis.files.existing import refuse_foreign  # noqa: PLC0415
 
-        table.refuse_foreign(parquet)
+        refuse_foreign(parquet, "--parquet")
     if catalogue:
         kept.refuse_foreign(catalogue)
     workers, progress = Workers(jobs, scheduler), CountedProgress()

@@ -29,7 +29,7 @@ def history(
             help="Name of the rig file, or of the robot in it.",
         ),
     ],
-    data: Annotated[
+    runs: Annotated[
         Path,
         typer.Option(metavar="DIR|URL", parser=location, help="Directory that holds the runs, or directories of them."),
     ] = Path("runs"),
@@ -62,7 +62,7 @@ def history(
         from analysis.reporting.html_page import hold_page  # noqa: PLC0415
 
         hold_page(output)
-    collected = _collected(data, robot, Workers(jobs, scheduler))
+    collected = _collected(runs, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)
     if output:

@@ -78,7 +78,7 @@ def import_(
     from analysis.cli.import_map import mapped_run, needs_map  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.bags import file_of  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.files.existing import refuse_existing  # noqa: PLC0415
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")
@@ -89,8 +89,7 @@ def import_(
     def make_run(table: Path) -> None:
         files = [file_of(one) for one in (tables if join else [table])]
         run = output / table.stem if len(tables) > 1 and not join else output
-        if run.exists():
-            raise FileError(str(run), "exists already", "give the run a directory of its own")
+        refuse_existing(run)
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
         if join or map_file or needs_map(files[0], test):
             asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic}

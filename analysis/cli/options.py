@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from analysis.cli import completion
-from rigs.schema.vocabulary import Direction, direction_of
+from rigs.schema.vocabulary import MAKERS, Direction, Maker, direction_of, maker_named
 
 
 def location(given: str | Path) -> Path:
@@ -89,6 +90,28 @@ def direction_option(meaning: str) -> Any:
     )
 
 
+def _maker(given: str) -> Maker:
+    """A maker as people write it. Raises typer.BadParameter."""
+    maker = maker_named(given)
+    if maker is None:
+        raise typer.BadParameter(f"{given!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
+    return maker
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _makers() -> list[str]:
+    return list(MAKERS)
+
+
+def maker_option(meaning: str, default: str = "") -> Any:
+    """The option --for, with what it means for a command, and what stands for it where it is not given."""
+    known = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
+    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=_makers, help=known)
+
+
 RigArgument = Annotated[
     str,
     typer.Argument(metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."),
@@ -98,5 +121,9 @@ ModelRig = Annotated[
     typer.Option(
         "--rig", autocompletion=completion.rig_files, help="Rig file of the model; default: that of the first run."
     ),
+]
+Anyway = Annotated[
+    bool,
+    typer.Option("--anyway", help="Write it although the diagnosis says: correct nothing; the files say so."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]

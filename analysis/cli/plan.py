@@ -3,6 +3,8 @@ would add what it cannot."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,8 +14,9 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, RigArgument
-from rigs.schema.vocabulary import Maker, TestName, maker_of
+from analysis.cli.options import AsJson, RigArgument, maker_option
+from rigs.schema.vocabulary import MAKERS, Maker, TestName, maker_of
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -36,6 +39,14 @@ def plan(
     runs: Annotated[
         int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
     ] = 3,
+    level: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            max=10,
+            help="How large everything else is that may be wrong with the arm, 1 as usual: the level of a diagnosis.",
+        ),
+    ] = 1.0,
     propose: Annotated[
         bool, typer.Option("--propose", help="Propose circles that make testable what these tests cannot show.")
     ] = False,
@@ -57,7 +68,7 @@ def plan(
     ] = None,
     maker: Annotated[
         Maker | None,
-        typer.Option("--for", help="With --poses: maker of the controller whose program is written; default: none."),
+        maker_option("With --poses: maker of the controller whose program is written", "none"),
     ] = None,
     tracker: Annotated[
         str | None,
@@ -104,16 +115,16 @@ def plan(
         if propose:
             _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
         else:
-            _plan(rig, named, runs, as_json=as_json)
+            _plan(rig, named, runs, level, as_json=as_json)
 
 
-def _plan(rig: Rig, tests: Sequence[TestName], runs: int, *, as_json: bool) -> None:
+def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.inference.plan import plan as planned  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
 
     with progress_of("simulating the tests"):
-        found = planned(rig, tests, runs)
+        found = planned(rig, tests, runs, level)
     if as_json:
         say_json(plan_report.as_object(found))
     else:
@@ -139,10 +150,14 @@ def _propose(
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        maker = maker_of(rig.feedback.interface) or "MAKER"
-        say(f"next: rig program {written[0]} --for {maker} --test yaw -o programs", err=True)
+        maker, others = maker_of(rig.feedback.interface), ""
+        if maker is None:
+            maker, *more = MAKERS
+            others = f"  # or {', '.join(more)}"
+        file = as_argument(written[0])
+        say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
     elif found.circles:
-        say("next: the same with -o DIR writes a rig file of each circle", err=True)
+        say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file of each circle", err=True)
 
 
 def _print(table: RenderableType) -> None:

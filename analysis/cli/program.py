@@ -11,11 +11,12 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import RigArgument
+from analysis.cli.options import Anyway, RigArgument, maker_option
 from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
+    from rigs.rig import Rig
 
 _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
@@ -24,7 +25,7 @@ _DWELL_S = 3.0
 @command(app, "rig program ur10e --for ur --test yaw -o programs")
 def program(
     rig_file: RigArgument,
-    maker: Annotated[Maker, typer.Option("--for", help="Maker of the controller.")],
+    maker: Annotated[Maker, maker_option("Maker of the controller")],
     test: Annotated[
         ProgramTest,
         typer.Option(
@@ -62,6 +63,7 @@ def program(
         Path | None,
         typer.Option(help="Table of these targets as rig correct --path corrected it; default: the nominal targets."),
     ] = None,
+    anyway: Anyway = False,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
     from analysis.cli.program_iso9283 import program_iso9283  # noqa: PLC0415
@@ -87,7 +89,7 @@ def program(
     with named_by(rig_file, rig), progress_of("checking the programs"):
         arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
         nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)
-        plans = _compensated(nominal, path) if path else nominal
+        plans = _compensated(nominal, path, rig, rig_file, anyway=anyway) if path else nominal
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(maker, list(zip(plans, demands, strict=True)))
     if targets:
@@ -103,15 +105,28 @@ def program(
         say(written)
 
 
-def _compensated(plans: Sequence[Plan], path: Path) -> list[Plan]:
-    """The plans with the targets of a corrected table."""
+def _compensated(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
+    """The plans with the targets of a corrected table. Raises FileError where the model of the rig or of the table is
+    to correct nothing, unless they are written `anyway`."""
+    from dataclasses import replace  # noqa: PLC0415
+
     import numpy as np  # noqa: PLC0415
 
-    from analysis.correction.target_path import read_corrected_path  # noqa: PLC0415
+    from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing  # noqa: PLC0415
+    from analysis.correction.target_path import AGAINST, read_corrected_path  # noqa: PLC0415
     from analysis.robot_programs.compensated import compensated  # noqa: PLC0415
+    from analysis.robot_programs.plan import Comment  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
 
+    hold_verdict(rig, rig_file, anyway=anyway)
     joints, poses = read_corrected_path(path)
-    return compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
+    against = AGAINST in joints.columns
+    if against and not anyway:
+        raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
+    made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
+    if not (against or why_nothing(rig)):
+        return made
+    return [replace(plan, steps=(Comment(ANYWAY), *plan.steps)) for plan in made]
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,6 +14,7 @@ from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, direction_option, operator_or_user
 from rigs.errors import RigError
 from rigs.schema.vocabulary import Direction, TestName
+from rigs.text import as_argument
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
@@ -42,6 +43,13 @@ def start(
     placement: Annotated[
         str, typer.Option(help="Your name for where the instrument or the ball stands; default: none.")
     ] = "",
+    corrected: Annotated[
+        Literal["targets", "entries"] | None,
+        typer.Option(
+            help="What corrects the arm while it drives: a program's corrected targets, or values entered at its "
+            "controller; default: nothing."
+        ),
+    ] = None,
     rig: RigName = None,
 ) -> None:
     """Start a recording and print its run directory."""
@@ -54,6 +62,7 @@ def start(
             "direction": direction,
             "operator": operator_or_user(operator),
             "placement": placement,
+            "corrected": corrected or "",
         }
         say(client.ask("record_start", **fields)["run"])
 
@@ -62,9 +71,9 @@ def start(
 def stop(rig: RigName = None) -> None:
     """Stop the recording and print its run directory.
 
-    Standard error has its faults, its seal, and why rig analyse would refuse it.
+    Standard error has its faults, its seal, whether the robot was still driving, and why rig analyse would refuse it.
     """
-    from analysis.measures.usable import why_unusable  # noqa: PLC0415
+    from analysis.measures.usable import fitness  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
@@ -77,10 +86,18 @@ def stop(rig: RigName = None) -> None:
         if seal := ended.get("seal"):
             say(f"seal: {seal}", err=True)
         rows = sum(counters.get("samples", 0) for counters in ended["counters"].values())
-        if rows <= _MOST_ROWS and (why := why_unusable(Path(ended["run"]))):
-            say(f"cannot be analysed: {why}; drive it again", err=True)
+        if rows > _MOST_ROWS:
+            return
+        found = fitness(Path(ended["run"]))
+        if found.still_driving:
+            say("the robot was still driving when the recording ended: what it drove after that is not in it", err=True)
+        if found.why:
+            remedy = "stop the next one when the robot has stood for 3 s" if found.still_driving else "drive it again"
+            if found.drove:
+                remedy = f"correct its label: rig relabel {as_argument(ended['run'])} --direction {found.drove}"
+            say(f"cannot be analysed: {found.why}; {remedy}", err=True)
             with suppress(RigError):  # a daemon that is older, or gone
-                client.ask("judged", run=ended["run"], said=why)
+                client.ask("judged", run=ended["run"], said=found.why)
 
 
 @command(record, "rig record touch monday --output runs/monday-touch")

@@ -10,7 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.emulate import MARKS, rig_file_of_cell
+from analysis.cli.emulate import MARKS, locked_cell, rig_file_of_cell
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -47,8 +47,8 @@ def replay(
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
     capture = read_capture(log)
+    lock = locked_cell(directory)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
         played = Replay.open(rig, capture, directory / MARKS)
         for name, content in rig.beside.items():
             durable.replace(directory / name, content)
@@ -68,6 +68,7 @@ def replay(
         exit_code = _end(played, ends)
     finally:
         sent = played.cell.stop()
+        lock.release()
     for name, count in sent.items():
         say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
     if played.restarts:

@@ -15,7 +15,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, RigArgument, operator_or_user
+from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
 from rigs.schema.vocabulary import Maker, maker_of
 from rigs.text import plain
 
@@ -38,9 +38,7 @@ def session(
             "lasts; check: the circle alone, and no correction."
         ),
     ] = "faults",
-    maker: Annotated[
-        Maker | None, typer.Option("--for", help="Maker of the controller; default: that of the robot feedback.")
-    ] = None,
+    maker: Annotated[Maker | None, maker_option("Maker of the controller", "that of the robot feedback")] = None,
     directory: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),
@@ -66,6 +64,10 @@ def session(
             metavar="FILE", help="With --emulated: hidden effects, or the name of a shipped rig; default: none."
         ),
     ] = "",
+    fast: Annotated[
+        bool,
+        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in one or two."),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
     status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
     as_json: AsJson = False,
@@ -84,10 +86,11 @@ def session(
     rig, text = load(rig_file)
     place = Place(directory or Path(f"session-{rig.name}"))
     if status:
-        _show(place, as_json=as_json)
+        _show(place, text, as_json=as_json)
         return
-    if effects and not emulated:
-        raise UseError("--effects", "is allowed only with --emulated", "add --emulated")
+    for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
+        if is_given and not emulated:
+            raise UseError(option, "is allowed only with --emulated", "add --emulated")
     controller = maker or maker_of(rig.feedback.interface)
     if controller is None:
         raise UseError("--for", "is not given, and the feedback does not name the maker", "give --for")
@@ -103,6 +106,7 @@ def session(
         wait_min=wait_min,
         correct=correct,
         entered=entered,
+        fast=fast,
     )
     with _screen(aside=as_json) as screen:
         try:
@@ -124,14 +128,15 @@ def _plain(found: Session) -> object:
     return found.model_dump(mode="json")
 
 
-def _show(place: Place, *, as_json: bool) -> None:
-    from analysis.session.guide import next_of  # noqa: PLC0415
+def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
+    from analysis.session.next_step import next_of  # noqa: PLC0415
     from analysis.session.words import status_lines  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
     found = place.read()
     if found is None:
         raise FileError(str(place.file), "no session was begun here", "begin one: rig session RIG")
+    place.hold_whole(found, rig_text)
     if as_json:
         say_json(_plain(found))
         return

@@ -15,13 +15,13 @@ from analysis.cli.options import RigArgument, direction_option
 from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest, TestName
 
 
-@command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
+@command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")
 def simulate(
     rig_file: RigArgument,
     test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
     direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
-    runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
+    times: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
     effects: HiddenEffects = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
@@ -43,7 +43,7 @@ def simulate(
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     tests: tuple[TestName, ...] = ("pose", "path") if test == "iso9283" else (test,)
-    for number, one, kind in product(range(seed, seed + runs), directions, tests):
+    for number, one, kind in product(range(seed, seed + times), directions, tests):
         with progress_of(f"simulating {test}, seed {number}"):
             run = analysis.simulate(rig_file, kind, one, seed=number, effects=effects)
             path = directory / run.path

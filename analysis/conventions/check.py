@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from analysis.conventions.duplicates import DUPLICATES, duplicate_findings
+from analysis.conventions.duplicates import DUPLICATES, duplicate_findings, repeated_places
 from analysis.conventions.finding import Convention, Finding
 from analysis.conventions.gauge_order import ORDER, SIGN, order_findings
 from analysis.conventions.gauge_sign import sign_findings
 from analysis.conventions.joints import JOINTS, cannot_tell, joint_findings
 from analysis.conventions.place import PLACE, STAMPS, place_findings, stamp_findings
 from analysis.conventions.repeats import repeat_findings
+from analysis.conventions.source import SOURCE, source_findings
 from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
-from analysis.conventions.wildness import WILDNESS, wild_findings
+from analysis.conventions.wildness import WILDNESS, wild_findings, wild_places
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
@@ -50,16 +51,18 @@ def check_runs(runs: Runs) -> list[Checked]:
         Checked(
             one,
             tuple(finding for finding in found if finding.convention == one.name),
-            one.cannot(told) if told else "a path has neither joints nor gauges",
+            one.cannot(told) if told else "" if one.name in _SHOWN_BY_PATHS else "a path has neither joints nor gauges",
         )
         for one in CONVENTIONS
     ]
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return what speaks against a convention in runs of one robot; paths have neither joints nor gauges."""
-    told = _with_joints(runs)
-    return [finding for find in _FINDERS for finding in find(told)] if told else []
+    """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
+    their places alone."""
+    told, paths = _with_joints(runs), [run for run in runs if isinstance(run.table, PathTable)]
+    found = [finding for find in _FINDERS for finding in find(told)] if told else []
+    return [*found, *(finding for find in _OF_PATHS for finding in find(paths))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
@@ -73,9 +76,12 @@ def doubts_of(run: Measured) -> tuple[str, ...]:
 
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that no run can have as it is labelled."""
-    for finding in () if isinstance(run.table, PathTable) else unit_findings(run.table, run.rig):
-        if finding.strength == "impossible":
-            raise FileError(where, finding.what, finding.remedy)
+    if isinstance(run.table, PathTable):
+        return
+    for find in (unit_findings, source_findings):
+        for finding in find(run.table, run.rig):
+            if finding.strength == "impossible":
+                raise FileError(where, finding.what, finding.remedy)
 
 
 def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
@@ -103,6 +109,11 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
         found = list(find([run for run in runs if run.run.manifest.name not in known]))
         known.update(name for finding in found for name in finding.runs)
         yield from found
+
+
+def _measured_places(runs: Runs) -> Iterator[Finding]:
+    """What speaks against an instrument; places of an arm that was simulated are meant to be computed."""
+    yield from _each(source_findings)([run for run in runs if not run.is_simulated])
 
 
 def _always(runs: Runs) -> str:
@@ -146,6 +157,7 @@ CONVENTIONS = (
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
     Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
+    Convention(SOURCE, "did an instrument measure the places", _no_poses),
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
     Convention(PLACE, "was each target where the rig file has it", _no_targets),
     Convention(STANDS, "is each row a visit of its own", _no_stops),
@@ -154,10 +166,13 @@ CONVENTIONS = (
 )
 """Every convention, in the order in which a person reads them."""
 
+_SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
+_OF_PATHS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (_each(wild_places), _each(repeated_places))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(unit_findings),
     _each(joint_findings),
     _gauges,
+    _measured_places,
     _each(stamp_findings),
     _each(place_findings),
     _stands,

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from analysis.conventions.finding import Finding
+from analysis.conventions.path_places import places_of
 from analysis.kinematics.arm import arm_of, forward
-from analysis.traces.tables import PoseTable, Table
+from analysis.traces.tables import PathTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.text import listed
 
@@ -46,6 +47,14 @@ def duplicate_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if copied >= _SEVERAL and _step_mm(table) < _FINE_MM:
         what = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
         yield Finding(DUPLICATES, "likely", (), "rows written twice", what, "remove the copies")
+
+
+def repeated_places(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path repeat the one before though the tool went on."""
+    del rig
+    if isinstance(table, PathTable) and "repeated" in (words := places_of(table).words):
+        remedy = "an analysis leaves them out; have the instrument write no place while it has none"
+        yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)
 
 
 def _step_mm(table: PoseTable) -> float:

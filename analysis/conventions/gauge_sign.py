@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.conventions.finding import Finding, Misfit
+from analysis.conventions.finding import Finding, Misfit, Strength
 from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated, order_findings
 from analysis.conventions.repeats import GRID, gridded
 from analysis.geometry.ball_link import readings
@@ -34,8 +34,9 @@ _ALIKE = 8.0
 """Steps of the grid, of 1.4° each, over which the rest of two laps goes alike: so many count as one reading."""
 _DECISIVE = 12.0
 """Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
-_FITS = 4.0
-"""… and the energy that plays leave is at least so many times less. Meanings within this factor are alike."""
+_FITS, _FITS_WELL = 4.0, 6.0
+"""… and the energy that plays leave is at least so many times less. Meanings within the first factor are alike; below
+the second, which leaves two fifths of the readings, the other meaning does not fit either, and is a doubt only."""
 _LEAST_MM = 0.003
 """What plays leave as labelled is at least this, rms: what gauges of 1 µm resolve."""
 _PLAY_RAD = float(np.radians(0.01))
@@ -128,12 +129,12 @@ def _left_mm(model: Model, table: CircleTable | RadialTable | RepeatabilityTable
 
 @dataclass(frozen=True)
 class _Way:
-    """The laps of one direction on the grid: readings (GRID, 2) mm, angles (GRID, 6) rad, speeds (GRID, 6) rad/s, which
-    flank each joint lies on (GRID, 6) and each gauge (GRID, 2), -1 to 1, and the time (GRID,) since the beginning, 0 to
-    1."""
+    """The laps of one direction on the grid: readings (GRID, 2) mm, angles as unit vectors, cosine and sine (GRID, 12),
+    of which a mean is the mean modulo a turn, speeds (GRID, 6) rad/s, which flank each joint lies on (GRID, 6) and each
+    gauge (GRID, 2), -1 to 1, and the time (GRID,) since the beginning, 0 to 1."""
 
     g_mm: Array
-    q: Array
+    heading: Array
     speed: Array
     flank: Array
     stuck: Array
@@ -168,7 +169,8 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     names = tuple(run.run.manifest.name for run in runs)
     misfit = Misfit(as_labelled, as_meant, gain)
     remedy = _EXCHANGE if exchanged else _REMEDY
-    yield Finding(ORDER if exchanged else SIGN, "decisive", _COLUMNS, words, what, remedy, misfit, names)
+    strength: Strength = "decisive" if labelled >= _FITS_WELL * left else "likely"
+    yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, what, remedy, misfit, names)
 
 
 @dataclass(frozen=True)
@@ -229,9 +231,9 @@ def _way(run: Measured, table: CircleTable) -> _Way:
     speed = np.gradient(table.q, table.t_s, axis=0)
     rows = np.searchsorted(table.t_s, laps.t_s)
     since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
-    columns = [laps.g_mm, laps.q, speed[rows], flank[rows], stuck[rows], since[:, None]]
+    columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), speed[rows], flank[rows], stuck[rows], since[:, None]]
     grid = gridded(laps.phi, np.concatenate(columns, axis=1))
-    return _Way(grid[:, :2], grid[:, 2:8], grid[:, 8:14], grid[:, 14:20], grid[:, 20:22], grid[:, 22])
+    return _Way(grid[:, :2], grid[:, 2:14], grid[:, 14:20], grid[:, 20:26], grid[:, 26:28], grid[:, 28])
 
 
 def _mean(ways: Sequence[_Way]) -> _Way:
@@ -246,7 +248,9 @@ def _left_of_plays(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> float:
     circle = rig.tests.circle
     if circle is None:
         return 0.0
-    slopes = _slopes(rig, circle, test, (acw.q + cw.q) / 2)
+    # A robot that drives on stands turns apart between the ways, and from lap to lap: only the posture counts.
+    cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
+    slopes = _slopes(rig, circle, test, np.arctan2(sine, cosine))
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
     late = (slopes * (acw.speed - cw.speed)[:, None, :]).reshape(-1, 6)
     phi = np.arange(GRID) * 2 * np.pi / GRID

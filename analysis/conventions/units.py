@@ -12,17 +12,17 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_units import circle_gauges, too_far
+from analysis.conventions.mirror import mirror_findings
 from analysis.conventions.off_path import off_path
 from analysis.conventions.rail_units import rail_findings
 from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.kinematics.turns import impossible_rad
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.rig import Rig
 
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
-_MOST_RAD = 4 * np.pi + 0.1
-"""No joint of an arm that is known turns by more than two turns each way."""
 _CLEARLY = 3.0
 """One way to read the joints is right and the other wrong where it is off the path by this factor more."""
 _UNLIKELY = 0.1
@@ -33,7 +33,7 @@ _ROWS = 20_000
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the units of a table, surest first."""
-    if len(table.q) and (most := float(np.abs(table.q).max())) > _MOST_RAD:
+    if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         what = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
         yield Finding(UNITS, "impossible", columns, "degrees", what, "read them as degrees")
@@ -48,6 +48,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     if isinstance(table, PoseTable):
         yield from rail_findings(table, rig)
+        yield from mirror_findings(table, rig, UNITS)
     for what, remedy in _mistakes(table, rig, places):
         columns = tuple(name for name in what.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)

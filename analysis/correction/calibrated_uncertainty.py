@@ -67,7 +67,15 @@ class CalibratedUncertainty:
         for begin in range(0, len(q), _ROWS):
             places = self.pose_displacements(q[begin : begin + _ROWS])[:, :, :3]
             parts.append(np.einsum("kni,knj->nij", places, places))
-        return np.concatenate(parts)
+        covariance: Array = np.concatenate(parts)
+        return covariance
+
+    @property
+    def unexplained_mm(self) -> float:
+        """What the model does not explain of the tool's place where a diagnosis judged it, root mean square: as much in
+        each of three coordinates. It differs from place to place, so that no frame that is taught takes it away."""
+        judged = self.calibrated.judged
+        return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
 
     @property
     def joints_rad(self) -> Array:

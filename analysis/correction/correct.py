@@ -10,11 +10,10 @@ import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
-from analysis.correction.corrected_program import CorrectedProgram, correct_program
+from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
-from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.taught_frame import base_u_um, rest_mm
@@ -25,19 +24,22 @@ from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, Maker
 
+NO_PROGRAMS = Programs()
+
 
 @dataclass(frozen=True)
 class WorkError:
     """The error of the tool's place over the work of a rig, root mean square in µm, in a frame that is taught with the
     robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard uncertainty: `u_um`
-    of the model and the rest of what no target holds. `base` is the same in the robot's own base, and `base_u_um` what
-    the place of the whole arm on its base adds to the uncertainty."""
+    of the model and the rest of what no target holds. `model_um` is what of it can be corrected. `base` is the same in
+    the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the uncertainty."""
 
     before_um: float
     after_um: float
     u_um: float
     base: InBase
     base_u_um: float
+    model_um: float
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,11 @@ def correct_rig(
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,
-    programs: Sequence[Path] = (),
-    frames: Frames = NO_FRAMES,
+    programs: Programs = NO_PROGRAMS,
 ) -> Corrections:
     """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
-    `programs` are corrected for a controller without them, with `frames` for what they only name. Raises FileError for
+    `programs` are corrected for a controller without them. Raises FileError for
     a rig without effects, for a path that cannot be read or reached and for a file that is no program; UseError for
     `entered` without what it needs."""
     if not model_of(rig).effects:
@@ -87,15 +88,15 @@ def correct_rig(
             "has no effects to correct",
             "diagnose or calibrate it, and give the rig file written",
         )
-    if len(rig.robot.axes) > FEWEST_AXES and (controller or programs):
+    if len(rig.robot.axes) > FEWEST_AXES and (controller or programs.paths):
         what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
-        raise UseError("--controller, --program", what, "give joint targets with --path")
-    if rig.robot.rail and (controller or programs):
+        raise UseError("--for, --program", what, "give joint targets with --path")
+    if rig.robot.rail and (controller or programs.paths):
         what = "an arm on a rail: controllers' entries and programs are known of arms that stand"
-        raise UseError("--controller, --program", what, "give joint targets with --path")
+        raise UseError("--for, --program", what, "give joint targets with --path")
     if entered and not (path and controller):
-        raise UseError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
-    if entered and programs:
+        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
+    if entered and programs.paths:
         raise UseError(
             "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
         )
@@ -103,7 +104,9 @@ def correct_rig(
     entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(rig, found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
-    filtered = tuple(correct_program(rig, found, program, frames, scale) for program in programs)
+    filtered = tuple(
+        correct_program(rig, found, program, programs.frames, scale, whole=programs.whole) for program in programs.paths
+    )
     work = _work(rig, found)
     return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
 
@@ -120,7 +123,7 @@ def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
 
     in_base = InBase(*errors(np.linalg.norm(is_at - wanted, axis=1), u_mm))
     rest = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
-    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm))
+    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest))
 
 
 def _targets(

@@ -9,7 +9,7 @@ one. The controller is assumed to compute with the nominal arm. Nothing is sent 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,8 @@ import numpy as np
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
 from analysis.correction.programs.flags import agreeing
-from analysis.correction.programs.frames import Frames
+from analysis.correction.programs.frames import NO_FRAMES, Frames
+from analysis.correction.programs.machine import Unknown
 from analysis.correction.programs.numbers import (
     frame_numbers,
     frame_of,
@@ -28,7 +29,7 @@ from analysis.correction.programs.numbers import (
     written,
 )
 from analysis.correction.programs.postures import solved
-from analysis.correction.programs.target import Left, Number, Parsed, Reason, Target
+from analysis.correction.programs.target import Left, Named, Number, Parsed, Reason, Target, Texts
 from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error
 from rigs.errors import FileError
@@ -42,6 +43,16 @@ singularity."""
 
 
 @dataclass(frozen=True)
+class Programs:
+    """Programs to correct, the tools and frames that a person states for them, and whether only whole ones, of which no
+    target is left as it was, are written."""
+
+    paths: Sequence[Path] = ()
+    frames: Frames = NO_FRAMES
+    whole: bool = False
+
+
+@dataclass(frozen=True)
 class CorrectedProgram:
     """A program with corrected targets.
 
@@ -49,7 +60,10 @@ class CorrectedProgram:
     were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the
     robot's base and `u_frame_mm` (n,) with frame and tool taught with the robot over them, `outside` (n,) whether
     they stand beyond the joint angles that were driven, and `rounded_um` (n,) how far the numbers' decimals put them
-    off. `left` is what stayed as it was.
+    off. `left` is what stayed as it was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour
+    that was left, for each move between two such. `sources` are the names of the files that `left` counts, and
+    `overruled` the tools and frames that a person stated, and that the program gives other numbers. Where it is `held`,
+    the program is not written, since it would be half corrected.
     """
 
     path: Path
@@ -63,15 +77,25 @@ class CorrectedProgram:
     outside: tuple[bool, ...]
     rounded_um: Array
     left: tuple[Left, ...]
+    beside_left_mm: Array
+    sources: tuple[str, ...]
+    overruled: tuple[Named, ...]
+    held: bool = False
 
 
 def correct_program(
-    rig: Rig, found: Sequence[Support], path: Path, frames: Frames, scale: Sequence[float] | None
+    rig: Rig,
+    found: Sequence[Support],
+    path: Path,
+    frames: Frames,
+    scale: Sequence[float] | None,
+    *,
+    whole: bool = False,
 ) -> CorrectedProgram:
-    """Return a program with the targets that can be corrected for the effects of a rig. Raises FileError for a file
-    that is no program."""
+    """Return a program with the targets that can be corrected for the effects of a rig; with `whole` it is held where
+    any that a move uses cannot. Raises FileError for a file that is no program."""
     dialect, texts = read_program(path)
-    parsed = dialect.parse(tuple(texts.values()))
+    parsed = dialect.parse(texts)
     arm, targets = arm_of(rig.robot), parsed.targets
     reasons: dict[int, Reason] = {}
     located = [_located(arm, dialect, frames, target) for target in targets]
@@ -92,21 +116,27 @@ def correct_program(
     done = _Done.of(rig, found, q, good)
     reasons |= done.reasons
     reasons |= _implausible(arm, targets, q, done)
-    kept = [k for k in good.tolist() if k not in reasons]
-    changes: list[list[tuple[Number, str]]] = [[] for _ in texts]
-    old = tuple(texts.values())
+    because = _off_by_offset(arm, targets, located, done, reasons)
+    kept = [k for k in good.tolist() if k not in reasons and targets[k].of is None]
+    old = texts.texts[: texts.own]
+    changes: list[list[tuple[Number, str]]] = [[] for _ in old]
     for k in kept:
         if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
             value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
             file = targets[k].file
             changes[file] += _changes(dialect, old[file], targets[k], value, scale)
     new = tuple(map(replaced, old, changes))
-    left = [Left(targets[k].file, targets[k].line, targets[k].name, why) for k, why in reasons.items()]
-    after = _read_back(dialect, parsed, new)
+    after = _read_back(dialect, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
+    left = [
+        Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
+        for k, why in reasons.items()
+        if targets[k].of is None
+    ]
+    everything = tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line)))
     return CorrectedProgram(
         path,
         dialect.maker,
-        dict(zip(texts, map(as_bytes, new), strict=True)),
+        dict(zip(texts.names, map(as_bytes, new), strict=False)),
         tuple(targets[k].name for k in kept),
         tuple((targets[k].file, targets[k].line) for k in kept),
         np.array([done.moved_mm[k] for k in kept]),
@@ -114,8 +144,59 @@ def correct_program(
         np.array([done.u_frame_mm[k] for k in kept]),
         tuple(done.outside[k] for k in kept),
         np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
-        tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line))),
+        everything,
+        np.array([done.moved_mm[k] for k in _beside_left(parsed, set(kept))]),
+        texts.names,
+        tuple(one for one in parsed.sets if _otherwise(one, frames)),
+        whole and any(one.reason != "unused" for one in everything),
     )
+
+
+def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
+    """Return the corrected target at one end of each move whose other end was left."""
+    base = [k if one.of is None else one.of for k, one in enumerate(parsed.targets)]
+    found = [base[k] for k in parsed.next_to_left]
+    for step in parsed.steps:
+        ends = [(base[step.target], base[one]) for one in step.comes_from if one is not None]
+        found += [one if one in kept else other for one, other in ends if (one in kept) != (other in kept)]
+    return [k for k in found if k in kept]
+
+
+def _otherwise(named: Named, frames: Frames) -> bool:
+    """Whether a person stated other numbers for a tool or frame than the program gives it."""
+    stated = (frames.tools if named.kind == "tool" else frames.frames).get(named.name.lower())
+    return stated is not None and not np.allclose(stated.ravel(), named.value, atol=1e-6)
+
+
+def _off_by_offset(
+    arm: Arm, targets: Sequence[Target], located: Sequence[_Located], done: _Done, reasons: dict[int, Reason]
+) -> dict[int, tuple[Unknown, ...]]:
+    """Leave the points at which a move with an offset would not stand where it needs to, within the uncertainty of its
+    correction, and return for each such point the move."""
+    because: dict[int, tuple[Unknown, ...]] = {}
+    for k, target in enumerate(targets):
+        if target.of is None or target.of in reasons:
+            continue
+        if k in reasons:
+            off_mm, u_mm = np.inf, 0.0
+        else:
+            X = _in_program(arm, located[target.of], done.T[target.of])
+            there = _in_world(arm, located[k], _with_offset(target, X))
+            off_mm = float(np.linalg.norm(there[:3, 3] - done.T[k][:3, 3]))
+            u_mm = min(done.u_mm[k], done.u_frame_mm[k])
+        if off_mm >= u_mm:
+            reasons[target.of] = "offset"
+            because[target.of] = (Unknown(target.file, target.line, "the move with the offset"),)
+    return because
+
+
+def _with_offset(target: Target, X: Array) -> Array:
+    """Return the frame (4, 4) to which a move with a target's offset from X (4, 4) goes."""
+    if target.offset is None:
+        return X
+    kind, offset = target.offset
+    moved: Array = offset @ X if kind == "frame" else X @ offset
+    return moved
 
 
 @dataclass(frozen=True)
@@ -163,7 +244,7 @@ def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> 
         return "beyond_limits"
     if target.joints:
         return joints_of(target, scale)
-    return located.reason or frame_of(target.form, values)
+    return located.reason or _with_offset(target, frame_of(target.form, values))
 
 
 def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
@@ -249,7 +330,7 @@ def _changes(
     return [(number, written(number, text, value, target.form, some)) for number, value, some in three]
 
 
-def _read_back(dialect: Dialect, before: Parsed, texts: tuple[str, ...]) -> Parsed:
+def _read_back(dialect: Dialect, before: Parsed, texts: Texts) -> Parsed:
     """Return the targets of the new texts: the same ones, or the program is not handed out."""
     after = dialect.parse(texts)
 

@@ -39,6 +39,11 @@ class PoseUncertainty(Protocol):
     def joints_rad(self) -> Array | None:
         """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, None where unknown."""
 
+    @property
+    def unexplained_mm(self) -> float:
+        """What the model does not explain of the tool's place where it was judged, root mean square, beside what its
+        covariance knows; 0 where nothing judged it."""
+
 
 @runtime_checkable
 class JointPoseUncertainty(PoseUncertainty, Protocol):
@@ -88,6 +93,11 @@ class EffectsUncertainty:
         return covariance
 
     @property
+    def unexplained_mm(self) -> float:
+        """None: nothing judged the effects together."""
+        return 0.0
+
+    @property
     def joints_rad(self) -> Array | None:
         """The joint angles (6, 2) rad that the runs of all effects have in common, None where no effect has any."""
         effects = used_effects(self.rig, self.found)
@@ -130,18 +140,25 @@ class _Both:
         """The joint angles (6, 2) rad of the runs behind the calibration."""
         return self.calibrated.joints_rad
 
+    @property
+    def unexplained_mm(self) -> float:
+        """What the calibrated model does not explain."""
+        return self.calibrated.unexplained_mm
+
 
 def position_u_mm(known: PoseUncertainty, q: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad: the root of the trace
-    of its covariance."""
-    u_mm: Array = np.sqrt(np.trace(known.position_covariance_mm2(q), axis1=1, axis2=2))
+    of its covariance, and what the model does not explain."""
+    variance = np.trace(known.position_covariance_mm2(q), axis1=1, axis2=2)
+    u_mm: Array = np.sqrt(variance + known.unexplained_mm**2)
     return u_mm
 
 
 def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad with frame and tool
-    taught with the robot at joint angles `taught` (m, 6) rad. A model that states no more than the covariance of each
-    place does not say what places have in common, so that nothing of it is left out."""
+    taught with the robot at joint angles `taught` (m, 6) rad, with what the model does not explain. A model that
+    states no more than the covariance of each place does not say what places have in common, so that nothing of it is
+    left out."""
     if not isinstance(known, JointPoseUncertainty):
         return position_u_mm(known, q)
     taught = taught[:: -(-len(taught) // _TAUGHT)]
@@ -152,7 +169,8 @@ def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Arr
         rows = slice(begin, begin + _ROWS)
         left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
         squares[rows] = (left**2).sum(axis=(0, 2))
-    return np.sqrt(squares)
+    u_mm: Array = np.sqrt(squares + known.unexplained_mm**2)
+    return u_mm
 
 
 def displacements(known: PoseUncertainty, q: Array) -> Array:

@@ -83,7 +83,7 @@ class Projection:
     def u(self, moves: Array) -> Array:
         """Return the standard uncertainty (m,), mm or degrees, of the changes, from displacements (k, n, 6) mm and rad
         of the tool by one standard uncertainty each."""
-        weighted = (moves * self.weights).reshape(len(moves), -1)
+        weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
         found: Array = np.sqrt(((weighted @ self.operator.T) ** 2).sum(axis=0))
         return found
 

@@ -29,6 +29,9 @@ effects that are not corrected, the standard uncertainty of the corrected place,
 robot's base and with frame and tool taught with the robot, whether all joints stand where the runs drove them (yes, no
 or unknown), and whether the target was corrected (yes or no)."""
 
+AGAINST = "against_verdict"
+"""A column that only a path has which was corrected although the model is to correct nothing."""
+
 
 @dataclass(frozen=True)
 class TargetPath:
@@ -67,7 +70,7 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     names, rows = _rows(path)
     joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
     wanted, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
-    is_corrected = not {*ADDED}.isdisjoint(names)  # of which more is said later
+    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # of which more is said later
     if not is_corrected and set(wanted) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has the columns {wanted[0]} … {wanted[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
@@ -114,13 +117,16 @@ def _targets(
 
 def hold_uncorrected(path: TargetPath, where: str) -> None:
     """Raise FileError for a path with the columns of a corrected one."""
-    if there := [name for name in (*ADDED, "u_mm") if name in path.columns]:  # u_mm: of tables of earlier versions
+    if there := [
+        name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
+    ]:  # u_mm: of tables of earlier versions
         raise FileError(where, f"has a column {there[0]} already", "rename it; is the path corrected already?")
 
 
-def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
+def corrected_columns(path: TargetPath, found: Corrected, against: str = "") -> pa.Table:
     """Return the same table with corrected targets, as joint angles and as poses, and their errors. A target that was
-    not corrected stays as it was, and has no numbers that are not known of it."""
+    not corrected stays as it was, and has no numbers that are not known of it. against: the verdict against which it
+    was corrected, in words; empty where there is none."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
     rail = RAIL in path.names
@@ -138,6 +144,8 @@ def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
     covered = np.where(found.done, known, "no")
     columns["covered"] = covered.tolist()
     columns["corrected"] = np.where(found.done, "yes", "no").tolist()
+    if against:
+        columns[AGAINST] = [against] * len(found.q)
     return pa.table(columns)
 
 

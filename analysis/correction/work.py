@@ -71,8 +71,8 @@ def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
 
 def tool_poses(model: Model, q: Array) -> Array:
     """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad, for effects that do not
-    depend on history."""
-    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
+    depend on history. It stands at each, so that it does not matter by which clock."""
+    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)).T
 
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:

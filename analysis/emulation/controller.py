@@ -115,10 +115,10 @@ class Controller:
         entries = found.get("entries") if isinstance(found, Mapping) else None
         if not isinstance(found, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
             what = "has no entries for a controller"
-            raise FileError(where, what, f"write it with rig correct --controller {self.maker}")
+            raise FileError(where, what, f"write it with rig correct --for {self.maker}")
         if found.get("name") != self.maker:
             what = f"is for a controller of {found.get('name')!r}, and this one is of {self.maker!r}"
-            raise FileError(where, what, f"write it with rig correct --controller {self.maker}")
+            raise FileError(where, what, f"write it with rig correct --for {self.maker}")
         changed = self
         for number, entry in enumerate(entries, start=1):
             changed = changed._with(entry, self, f"{where}, entry {number}")

@@ -25,8 +25,10 @@ _ROLE_WORDS: dict[Role, str] = {
 }
 _INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
 _INSTRUMENT = frozenset(_INSTRUMENTS.split())
-_CONTROLLER = frozenset(["tcp", "tool", "ee", "eef", "flange", "robot", "cartesian", "controller", "fk"])
-"""Words of a pose that the robot says of itself, unless an instrument is named beside them."""
+_OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
+_CONTROLLER = frozenset(_OF_ROBOTS.split())
+"""Words of a pose that the robot says of itself, unless an instrument is named beside them: of columns, of topics, and
+of the children of transforms."""
 _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
 _UNITS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
@@ -43,6 +45,10 @@ _UR_NAMES = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
 )
+_A_CALL = 3
+"""Letters of the shortest name of an axis that is found inside a column's: others stand in any word."""
+_NAMELESS = re.compile(r"column \d+( \(.*\))?")
+"""A column of a file without a header (`analysis.files.raw_table`): its number says where it stands, and no more."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 
@@ -99,18 +105,26 @@ class _Name:
         return next((role for role, known in _ROLES.items() if known & set(self.words)), "unsaid")
 
 
+def is_of_controller(name: str) -> bool:
+    """Return whether a name, as of a topic or the child of a transform, sounds like what a robot says of itself."""
+    words = set(_name(name, "").words)
+    return bool(words & _CONTROLLER) and not words & _INSTRUMENT
+
+
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     """Return what the columns of a table may be for an arm with these names of axes."""
     numeric = set(raw.numeric)
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
     names = [one for one in names if one.role != "other"]
+    named = [one for one in names if not _NAMELESS.fullmatch(one.column)]
     axes = len(axis_names)
-    joints = list({group.columns: group for group in (*_numbered(names, axes), *_called(names, axis_names))}.values())
-    near = tuple(name for count in (5, 7, 8) for group in _numbered(names, count) for name in group.columns)
+    numbered = [_as_named(raw, group, axis_names) for group in _numbered(named, axes)]
+    joints = list({group.columns: group for group in (*numbered, *_called(named, axis_names))}.values())
+    near = tuple(name for count in (5, 7, 8) for group in _numbered(named, count) for name in group.columns)
     if not joints and not near:
-        joints = _with_word(names, axes)
+        joints = _with_word(named, axes)
     taken = {column for group in joints for column in group.columns}
-    rest = [one for one in names if one.column not in taken]
+    rest = [one for one in named if one.column not in taken]
     places, turns = _lettered(rest)
     seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(rest))
     residuals = tuple(place for place in places if place.role == "residual")
@@ -121,6 +135,20 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
         more_joints, more_seen = _by_position(raw, left, axes, not joints, not seen)
         joints, seen = [*joints, *more_joints], [*seen, *more_seen]
     return Groups(tuple(joints), tuple(seen), residuals, near)
+
+
+def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
+    """Joints that are numbered through, in the order of the axes where columns of names beside them say which is which:
+    field.name0 … beside field.position0 …, as `rostopic echo -p` writes a JointState in the order of its sender."""
+    for word in ("position", "pos"):
+        beside = [re.sub(rf"{word}(?=\W*\d+$)", "name", column) for column in group.columns]
+        if all(one in raw.names and one != own for one, own in zip(beside, group.columns, strict=True)):
+            said = [str(raw.cells[one][0].as_py()) for one in beside]
+            order = dict(zip(said, group.columns, strict=True))
+            called = [_name(name, "") for name in order]
+            for found in (*_called(called, axis_names), *_numbered(called, len(axis_names))):
+                return replace(group, columns=tuple(order[name] for name in found.columns))
+    return group
 
 
 def _name(column: str, unit_line: str) -> _Name:
@@ -173,18 +201,22 @@ def _numbered(names: Sequence[_Name], count: int) -> list[Group]:
 
 
 def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
-    """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm."""
+    """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm, whatever stands before
+    and behind: the names settle the order, which in a message is often that of the alphabet."""
     found = []
     wanted = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
     wanted += [one for one in _UR_NAMES if len(one) == len(axis_names)]
     for calls in dict.fromkeys(wanted):
-        by_role: dict[Role, dict[str, _Name]] = defaultdict(dict)
+        if len(set(calls)) < len(calls) or min(map(len, calls)) < _A_CALL:
+            continue
+        alike: dict[tuple[Role, str], dict[str, _Name]] = defaultdict(dict)
         for one in names:
-            known = set().union(*_ROLES.values()) | {"joint", "angle", "q", "position", "pos"}
-            by_role[one.role].setdefault("".join(word for word in one.words if word not in known), one)
-        for call in by_role.values():
-            if all(name in call for name in calls) and len(set(calls)) == len(calls):
-                found.append(_group([call[name] for name in calls]))
+            whole = "".join(one.words)
+            for call in sorted(calls, key=len, reverse=True):
+                if call in whole:
+                    alike[(one.role, whole.replace(call, "*", 1))].setdefault(call, one)
+                    break
+        found += [_group([own[call] for call in calls]) for own in alike.values() if len(own) == len(calls)]
     return list({group.columns: group for group in found}.values())
 
 

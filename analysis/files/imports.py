@@ -11,9 +11,9 @@ from analysis.conventions.check import doubts_of, refuse_impossible
 from analysis.files.bags import is_bag
 from analysis.files.cube_stops import with_joints
 from analysis.files.map_proposal import Proposal, propose
-from analysis.files.mapped import table_by
+from analysis.files.mapped import MappedPoses, poses_of, table_by
 from analysis.files.pose_bag import stands_of_bag
-from analysis.files.raw_table import is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
+from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
@@ -81,7 +81,24 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
 
     Raises FileError where the files are no such table, or nothing in them fits the arm.
     """
-    rig, _ = load(rig_file)
+    return _proposed(files, load(rig_file)[0], join, topic)[0]
+
+
+def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
+    """Return the poses of files that a controller computed, by the map that they propose for the arm of a rig. Raises
+    FileError."""
+    proposal, raw = _proposed(files, rig, "", "")
+    computed = [one for one in proposal.questions if one.key == "place"]
+    for question in computed:
+        proposal = proposal.answered(question, question.readings[-1])
+    if proposal.questions:
+        asks = "; ".join(f"{one.key}: {one.asks}" for one in proposal.questions)
+        raise FileError(str(files[0]), f"leaves open what its columns mean ({asks})", "name their units in its header")
+    return poses_of(raw, proposal.table_map)
+
+
+def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Proposal, RawTable]:
+    """The map of files, and the table that they are together."""
     _hold_standing(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
@@ -94,7 +111,7 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
         layouts.append(layout)
         tables.append(read_raw(lines, layout, str(path)))
     raw, _ = joined(tables, join)
-    return propose(raw, layouts, join, rig)
+    return propose(raw, layouts, join, rig), raw
 
 
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:

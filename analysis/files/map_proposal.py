@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.files.column_groups import Group, Groups, Seen, groups_of
+from analysis.conventions.source import OF_CONTROLLER
+from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
 from analysis.files.mapped import MappedPoses, poses_of
+from analysis.files.meant_columns import meant
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.files.table_problems import TableFileError
@@ -43,7 +45,7 @@ _FEW_POSTURES = 20
 """So few postures, as those of a cube, leave hardly more than a fit of instrument and target takes."""
 _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
 """Below this a fit is as good as it can be: digits and noise."""
-_SHOWN = 6
+_SHOWN, _NAMED = 6, 30
 _ANGLES = ("deg", "rad")
 _LENGTHS = ("mm", "m", "in", "cm")
 
@@ -197,7 +199,8 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
-    has = f"its columns of numbers are {', '.join(raw.numeric[:20])}"
+    more = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
+    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{more}"
     if not groups.joints:
         if groups.near:
             there = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
@@ -246,6 +249,8 @@ def _placed(
             overruled, found = found[0], other
         else:
             found = sorted([*_from_tool(judge, joints, seen), *found], key=lambda one: one[0].share)
+            if not found[0][0].fits and residual is None:
+                overruled, found = _otherwise(judge, joints, seen, found)
     (best, chosen), *others = found
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
@@ -253,14 +258,20 @@ def _placed(
         remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
         raise FileError(judge.raw.where, what, remedy)
     if overruled:
-        _ask(judge, [found[0], overruled], "its header says otherwise, which does not fit the arm; which is it?")
+        _ask(
+            judge,
+            [found[0], overruled],
+            "its header says otherwise, or the order of its columns, which does not fit the arm; which is it?",
+        )
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
     rivals = [one for one in others if one[0].share < CLEARLY * least]
     _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
-    if chosen.place.of_controller:
-        by_robot = Reading(None, np.nan, "mm", "the robot computed it, so nothing was measured: import nothing")
+    named = next((one.topic for one in judge.layouts if is_of_controller(one.topic)), "")
+    if chosen.place.of_controller or named:
+        words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
+        by_robot = Reading(None, np.nan, "mm", words)
         measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
-        asks = f"{_short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
+        asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
     elif residual is None and best.left < _COMPUTED_MM and _postures(judge, best.value) > _FEW_POSTURES:
         judge.assumed.append(
@@ -340,6 +351,31 @@ def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> 
                 words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
                 found.append((judge.reading(table_map, words), one))
     return _judged(judge, found)
+
+
+def _otherwise(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], found: list[tuple[Reading, Seen]]
+) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
+    """The readings with columns in another order or direction, or of a left-handed frame, before the others, and the
+    reading that such a one overrules, None where none fits. Raises FileError for what only a rig file can state."""
+    ways = []
+    for group, one in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(one.place.unit, ("mm", "m"))):
+            base = judge.map_of(
+                Angles(columns=group.columns, unit=angle), Lengths(columns=one.place.columns, unit=length)
+            )
+            named = f"joints {_short(group.columns)} in {angle}, place {_short(one.place.columns)} in {length}"
+            ways += [(way, base, named, one) for way in meant(judge.raw, judge.bare, base)]
+    ways.sort(key=lambda one: one[0].share)
+    read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), one)
+            for way, _, named, one in ways]  # fmt: skip
+    if not read or not read[0][0].fits:
+        return None, found
+    best, base, named, one = ways[0]
+    if best.remedy:
+        what = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
+        raise FileError(judge.raw.where, what, best.remedy)
+    return (judge.reading(base, named, _STEPS), one), [*read, *found]
 
 
 def _units(stated: str, known: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -9,10 +9,11 @@ import io
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -30,13 +31,17 @@ from rigs.distribution import to_install
 from rigs.errors import FileError
 
 _WORKBOOK = b"PK\x03\x04"
-_MOST_UNPACKED = 500_000_000
+_MOST_UNPACKED = 40_000_000
+"""Bytes of a workbook's parts: a cell has some 30, and its reader takes eight times as much memory for texts."""
+_MOST_SHEET_CELLS = 500_000
+"""Cells of a workbook, as many as are read in some ten seconds (30 000 a second on a busy computer, measured)."""
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
 _SAMPLED = 100
 """Lines at the beginning and at the end by which a layout is found."""
 _COMMENTS = ("#", "%", "//")
 _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
+_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
 _MOSTLY = 0.9
 """Share of the rows that are numbers in a column of numbers."""
@@ -130,7 +135,8 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
             if sum(one.file_size for one in archive.infolist()) > _MOST_UNPACKED:
                 raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        sheets = {sheet.title: _sheet_text(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+        rows = _rows_within(book.worksheets, where)
+        sheets = {title: _sheet_text(of_sheet) for title, of_sheet in rows}
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
@@ -140,15 +146,40 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
-def _sheet_text(rows: object) -> bytes:
+def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Iterator[tuple[Any, ...]]]]:
+    """Yield the title of each sheet with its rows. Raises FileError, while rows are taken, for more cells than are
+    read; a cell far out makes all before it."""
+    count = 0
+
+    def rows_of(sheet: Any) -> Iterator[tuple[Any, ...]]:
+        nonlocal count
+        sheet.reset_dimensions()  # what a sheet says of its size may be too much, or leave rows out
+        for row in sheet.iter_rows(values_only=True):
+            count += max(1, len(row))
+            if count > _MOST_SHEET_CELLS:
+                what = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
+                raise FileError(where, what, "save the sheet with the table as CSV")
+            yield row
+
+    for sheet in sheets:
+        yield sheet.title, rows_of(sheet)
+
+
+def _sheet_text(rows: Iterable[tuple[Any, ...]]) -> bytes:
     import csv  # noqa: PLC0415
 
+    cells = [["" if cell is None else _point(re.sub(r"\s+", " ", str(cell))) for cell in row] for row in rows]
+    width = max(map(len, cells), default=0)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    for row in rows:  # type: ignore[attr-defined]
-        cells = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
-        writer.writerow(cells) if any(cells) else text.write("\n")
+    for row in cells:
+        writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
     return text.getvalue().encode()
+
+
+def _point(cell: str) -> str:
+    """A cell of a workbook, with a point where its text is a number with a comma: columns are separated by commas."""
+    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:

@@ -54,17 +54,21 @@ class Layout(Part):
 
 
 class Angles(Part):
-    """Columns of angles, in the order of the axes."""
+    """Columns of angles, in the order of the axes. reversed: numbers of axes, from 1, that count the other way than
+    those of the rig file."""
 
     columns: Names
     unit: AngleUnit
+    reversed: Annotated[tuple[Annotated[int, Field(ge=1, le=16)], ...], Field(max_length=16)] = ()
 
 
 class Lengths(Part):
-    """Columns x, y and z of a place or a distance."""
+    """Columns x, y and z of a place or a distance. mirror: the axis that counts the other way, of an instrument whose
+    frame is left-handed."""
 
     columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
     unit: LengthUnit
+    mirror: Literal["x", "y", "z"] | None = None
 
 
 class Residual(Lengths):

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from analysis.files.existing import refuse_existing, refuse_foreign
 from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
 from rigs.distribution import to_install
@@ -45,12 +46,19 @@ def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
     return _write_all(directory, files, over=True)
 
 
+def write_views(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
+    """Make pictures by their names in a directory, in place of those that rig made before. Raises FileError for any
+    other file that is there, and as `write_all_new` does."""
+    for name in files:
+        refuse_foreign(directory / name, "--plot")
+    return _write_all(directory, files, over=True)
+
+
 def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> list[Path]:
     paths = [directory / name for name in files]
     for path in () if over else paths:
-        if path.exists():
-            raise FileError(str(path), "exists already", "choose another directory, or remove it first")
-    made, remedy = False, "give another --plot" if over else "choose another directory"
+        refuse_existing(path)
+    made, remedy = False, "give another --plot" if over else "give another --output"
     try:
         with files_into(directory, over=over) as hidden:
             made = True
@@ -58,8 +66,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
                 with (hidden / name).open("xb") as file:
                     write(file)
     except FileExistsError as error:
-        where = error.filename or str(directory)
-        raise FileError(where, "exists already", "choose another directory, or remove it first") from None
+        raise _exists(Path(error.filename or directory)) from None
     except OSError as error:
         if made:
             what = f"cannot be written: {error.strerror or error}"

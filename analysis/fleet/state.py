@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from analysis.history.changes import Change
 from analysis.history.collect import Collected
-from analysis.history.history import History, Series, history_of
+from analysis.history.history import Series, history_of
 from analysis.history.limits import judge
 from analysis.history.words import against_limit, dates
 from analysis.measures.quantity import Quantity
@@ -30,7 +30,9 @@ class State:
     against the limits, empty without any; worst: the figure nearest to its limit or furthest beyond it, in words, and
     worst_ratio, its value over the bound. trend: what changed and since when, in words; changed: the day of it; grew:
     whether it grew. without_figures: runs by name and why; wild: figures of single runs that were left out; copies:
-    runs that are copies of others; simulated: runs that measured no robot; problem: why it could not be judged.
+    runs that are copies of others; simulated: runs that measured no robot; corrected: runs
+    that were driven with corrected programs or entered values, which say nothing of the arm and are not judged;
+    problem: why it could not be judged.
     """
 
     folder: str
@@ -48,6 +50,7 @@ class State:
     wild: int = 0
     copies: int = 0
     simulated: int = 0
+    corrected: int = 0
     problem: str = ""
 
     @property
@@ -66,7 +69,12 @@ class State:
     @property
     def doubts(self) -> list[str]:
         """What to know before trusting it, in words."""
-        counts = ((len(self.without_figures), "without figures"), (self.wild, "wild"), (self.copies, "copied"))
+        counts = (
+            (len(self.without_figures), "without figures"),
+            (self.wild, "wild"),
+            (self.copies, "copied"),
+            (self.corrected, "driven corrected, which show the correction and not the arm"),
+        )
         return [*filter(None, [self.problem]), *(f"{count} {words}" for count, words in counts if count)]
 
 
@@ -76,8 +84,9 @@ def state_of(folder: str, collected: Collected) -> State:
     if not collected.runs:
         return State(folder, collected.robot, without_figures=broken)
     history = history_of(collected)
-    standing, worst, ratio = _worst(history.series)
-    changed, trend, grew = _trend(history)
+    of_the_arm = [series for series in history.series if not series.corrected]
+    standing, worst, ratio = _worst(of_the_arm)
+    changed, trend, grew = _trend(of_the_arm)
     return State(
         folder,
         collected.robot,
@@ -94,6 +103,7 @@ def state_of(folder: str, collected: Collected) -> State:
         wild=sum(int(series.trend.wild.sum()) for series in history.series),
         copies=len(collected.notes),
         simulated=sum(run.simulated for run in collected.runs),
+        corrected=sum(bool(run.corrected) for run in collected.runs),
     )
 
 
@@ -133,13 +143,13 @@ def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, f
     return standing, f"{series.title}: {series.label} {newest}, {against_limit(series)}", ratio
 
 
-def _trend(history: History) -> tuple[str, str, bool]:
+def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
     """The day of a robot's newest change, the change in words, and whether it grew.
 
     Of each series the last change counts, which says how it stands now: one that was repaired shrank. Growth goes
     before the rest, and of changes on one day the most certain.
     """
-    last = [(series, series.trend.changes[-1]) for series in history.series if series.trend.changes]
+    last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
     grown = [one for one in last if abs(one[1].after) > abs(one[1].before)]
     if not last:
         return "", "", False

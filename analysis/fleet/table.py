@@ -15,7 +15,6 @@ from analysis.history.history_file import escaped
 from analysis.history.records import Record
 from daq.store import durable
 from rigs.errors import FileError
-from rigs.files import read_from
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,24 +52,12 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         raise
 
 
-def refuse_foreign(path: Path) -> None:
-    """Raise FileError for a file that is there and is no Parquet file."""
-    try:
-        begin, _ = read_from(path, 0, len(_PARQUET))
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
-    if begin != _PARQUET:
-        raise FileError(str(path), "exists already, and is no Parquet file", "give another --parquet, or remove it")
-
-
 def _schema() -> pa.Schema:
     import pyarrow as pa  # noqa: PLC0415
 
     words = pa.dictionary(pa.int32(), pa.string())
     columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
-    columns |= dict.fromkeys(("test", "direction", "placement", "program", "figure"), words)
+    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
     columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
     columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
     return pa.schema(columns)
@@ -102,4 +89,8 @@ def _of_run(record: Record) -> dict[str, Any]:
     with suppress(ValueError):
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB reads times with a zone through pytz alone
     places = {"test": record.test, "direction": record.direction}
-    return {"started_utc": started} | places | {"placement": record.placement, "program": record.program}
+    return (
+        {"started_utc": started}
+        | places
+        | {"placement": record.placement, "program": record.program, "corrected": record.corrected}
+    )

@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.frames import for_json
 from analysis.history.changes import FALSE_ALARMS, trend_of
-from analysis.history.history import WATCHED, label_of
+from analysis.history.history import CORRECTED, WATCHED, label_of
 from analysis.history.history_file import FILE, Unusable, read_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of
 from analysis.measures.quantity import Quantity, student_factor
@@ -29,7 +29,7 @@ _FEWEST_OF_HISTORY = 10
 """Runs of a series from which its history shows a spread; fewer add nothing to the runs that are compared."""
 _EFFICIENCY = 0.37
 """A median of absolute deviations is as good as a standard deviation of this share of the runs (normal law)."""
-Key = tuple[str, str, str]
+Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _record(run: Path, known: dict[Path, dict[str, Record]]) -> Record:
 
 
 def _key(record: Record) -> Key:
-    return record.title, record.placement, record.program
+    return record.title, record.placement, record.program, record.corrected
 
 
 def _all_have(figure: str, records: Sequence[Record]) -> bool:
@@ -177,7 +177,7 @@ def _difference(
         error = float(np.sqrt(squares / freedom * sum(1 / len(side) for side in sides)))
         u = error * student_factor(freedom)
         limit = error * float(stdtrit(freedom, 1 - FALSE_ALARMS / count / 2))
-    title = ", ".join([key[0], *([f"at {key[1]}"] if key[1] else [])])
+    title = ", ".join([key[0], *([f"at {key[1]}"] if key[1] else []), *([CORRECTED[key[3]]] if key[3] else [])])
     difference = Quantity(now - then, u, unit)
     return Difference(title, figure, then, now, difference, limit, len(before), len(after))
 

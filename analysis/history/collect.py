@@ -231,6 +231,6 @@ def _rig_of(rig_text: str) -> Rig | None:
 def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
     """The error for a directory without a run of a robot; names: of the rig files of its runs."""
     remedy = (
-        f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --data DIR"
+        f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
     )
     return FileError(str(directory), f"holds no run of {robot}", remedy)

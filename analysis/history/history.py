@@ -26,6 +26,8 @@ WATCHED = (
     *("rms_mm", "rms_deg", "repeat_mm"),
 )
 """Figures that show the robot, one of each kind. The others repeat these, or show how ball and gauges were mounted."""
+CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
+"""How a series is called that was driven with a correction; the arm itself is unchanged by it."""
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
 """What the figures of an axis are called; its number follows."""
 
@@ -39,6 +41,11 @@ class Series:
     runs: tuple[Record, ...]
     trend: Trend
     limit: Limit | None = None
+
+    @property
+    def corrected(self) -> str:
+        """What corrected the arm while it drove, as the manifests say; empty where nothing did."""
+        return self.runs[0].corrected
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -129,14 +136,15 @@ def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
 
 
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
-    """Runs of one test, direction, placement and program, each group with its title."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
+    """Runs of one test, direction, placement, program and correction, each group with its title: a corrected program
+    shows the correction, and nothing of how the arm itself changed."""
+    groups: dict[tuple[str, str, str, str], list[Record]] = {}
     for run in runs:
-        groups.setdefault((run.title, run.placement, run.program), []).append(run)
+        groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
     several = {title for title, *_ in groups if len({key[2] for key in groups if key[0] == title}) > 1}
     found = []
-    for (title, placement, program), group in sorted(groups.items()):
-        words = [title, *([f"at {placement}"] if placement else [])]
+    for (title, placement, program, corrected), group in sorted(groups.items()):
+        words = [title, *([f"at {placement}"] if placement else []), *([CORRECTED[corrected]] if corrected else [])]
         words += [f"program {program}"] if title in several else []
         found.append((", ".join(words), group))
     return found

@@ -20,7 +20,7 @@ from rigs.distribution import version
 
 FILE = ".history.sqlite"
 """Hidden, so that `runs/*` in a shell is runs only."""
-VERSION = 4
+VERSION = 5
 """Version of the tables below and of the figures in them."""
 _OURS = 0x52494748
 """SQLite's application_id, `RIGH`: a database of somebody else is left alone."""
@@ -42,7 +42,7 @@ create table made_by (rig text not null);
 create table runs (
     name blob primary key, fingerprint text not null, rig text not null, started text not null, test text not null,
     direction text not null, placement text not null, program text not null, problem text not null,
-    readings text not null, simulated integer not null) without rowid;
+    readings text not null, simulated integer not null, corrected text not null) without rowid;
 create table figures (
     run blob not null references runs (name) on delete cascade, figure text not null, value real, u real,
     unit text not null, samples integer not null, noise text not null,
@@ -125,8 +125,8 @@ def _insert(file: sqlite3.Connection, record: Record) -> None:
     file.execute("delete from runs where name = ?", (name,))
     row = (record.fingerprint, record.rig, record.started, record.test, record.direction, record.placement)
     file.execute(
-        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (name, *row, record.program, escaped(record.problem), record.readings, record.simulated),
+        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (name, *row, record.program, escaped(record.problem), record.readings, record.simulated, record.corrected),
     )
     file.executemany(
         "insert into figures values (?, ?, ?, ?, ?, ?, ?)",
@@ -146,9 +146,9 @@ def _records(file: sqlite3.Connection) -> dict[str, Record]:
         figures.setdefault(run, {})[figure] = quantity
     records = {}
     for row in file.execute("select * from runs order by name"):
-        name, fingerprint, rig, started, test, direction, placement, program, problem, readings, simulated = row
-        label = (os.fsdecode(name), fingerprint, rig, started, test, direction, placement)
-        record = Record(*label, program, problem, figures.get(name, {}), readings, bool(simulated))
+        name, *label, readings, simulated, corrected = row
+        fields = (os.fsdecode(name), *label, figures.get(name, {}), readings, bool(simulated), corrected)
+        record, problem, started = Record(*fields), label[-1], label[2]
         if not problem:
             datetime.fromisoformat(started)  # raises ValueError, which is damage
         records[record.name] = record

@@ -36,7 +36,8 @@ _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 class Record:
     """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
     problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file. readings: the
-    digest of what was measured, empty where nothing could be read. simulated: whether no robot was measured."""
+    digest of what was measured, empty where nothing could be read. simulated: whether no robot was measured.
+    corrected: what corrected the arm while it drove, as the manifest says."""
 
     name: str
     fingerprint: str
@@ -50,6 +51,7 @@ class Record:
     figures: dict[str, Quantity] = field(default_factory=dict)
     readings: str = ""
     simulated: bool = False
+    corrected: str = ""
 
     @property
     def title(self) -> str:
@@ -123,6 +125,7 @@ def _plain_record(
         program,
         problem,
         figures,
+        corrected=manifest.corrected,
     )
 
 

@@ -11,10 +11,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from analysis.inference.acts import Act, Against, Cost, JudgedOn, Reason, Test
-from analysis.inference.budget import CERTAIN_SIGMA, LARGE_SHARE
+from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
+from analysis.inference.budget import LARGE_SHARE
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named
+from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named, is_sure
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
@@ -24,6 +24,9 @@ LEAST_SHARE = 0.1
 """Share of the error from which every part has an act, or a reason why there is none."""
 _WORTH = 0.8
 """Share of the error up to which what a correction leaves makes it worth while. Chosen: a fifth less."""
+_RARE = 3.0
+"""Times usual from which something of usual size is repaired where it makes much of the error: three arms of a thousand
+show as much of it without a fault."""
 _SHAPES = 2.0
 """Independent shapes that what a model misses at one place has: half of it is then one standard uncertainty of what it
 misses at the next, 1 / √(2 · 2). Chosen: the least for which an rms has a standard uncertainty at all."""
@@ -62,7 +65,9 @@ class JudgedPlace:
         return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
 
 
-def acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]] = ()) -> tuple[Act, ...]:
+def acts_of(
+    found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]] = ()
+) -> tuple[Act, ...]:
     """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
     tests that would name a part of the budget, by its index."""
     if found.given:
@@ -84,8 +89,7 @@ def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
         if part.index is None:
             continue
         one = found.effects[part.index]
-        large = part.share > LARGE_SHARE and part.sigma >= CERTAIN_SIGMA and one.doubt in (None, "usual")
-        if not one.shown or not (one.stands or (large and one.effect.DEED in ("remaster", "enter"))):
+        if not one.shown or not (one.stands or _is_worth_a_hand(found, part, one)):
             continue
         relative = part.u_um / part.um if part.um > 0 else 1.0
         figures = judged.removed([one.effect], relative)
@@ -102,6 +106,15 @@ def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
             )
         )
     return acts
+
+
+def _is_worth_a_hand(found: Diagnosis, part: BudgetPart, one: Named) -> bool:
+    """Return whether something of usual size is done by hand: what is sure and makes much of the error is entered or
+    mastered anew; repaired where few arms show as much of it, or where the arm fails its limits."""
+    if not is_sure(found, part) or part.share <= LARGE_SHARE:
+        return False
+    rare = (part.times_usual or 0.0) >= _RARE or found.accuracy.standing in ("watch", "fail")
+    return one.effect.DEED in ("remaster", "enter") or rare
 
 
 def _against(found: Diagnosis, one: Named, judged: JudgedPlace) -> tuple[Against, ...]:
@@ -130,10 +143,7 @@ def _corrections(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
     if not effects:
         return []
     parts = tuple(k for k, one in enumerate(found.budget) if _is_corrected(found, one))
-    own = [found.budget[k] for k in parts]
-    whole = sum(abs(one.share) for one in own) or 1.0
-    relative = sum(abs(one.share) * (one.u_um / one.um if one.um > 0 else 1.0) for one in own) / whole
-    figures = judged.removed(effects, min(relative, 1.0))
+    figures = judged.removed(effects)
     if not _is_worth_while(found, figures):
         return []
     return [
@@ -167,7 +177,7 @@ def _model(found: Diagnosis) -> str:
     return f"FOUND/{found.rig.name}.yaml"
 
 
-def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, Test, Cost]]) -> list[Act]:
+def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> list[Act]:
     """Return what is to be measured: what tells rivals apart, names a group, decides, or judges elsewhere."""
     acts = []
     if found.condition == "undecided":

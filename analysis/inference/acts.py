@@ -33,8 +33,8 @@ Reason = Literal[
 ]  # fmt: skip
 """Why an act stands in the list: a fault; a usual error that makes much of the whole; a correction for today; rivals
 are to be told apart; a group is to be named; the runs are too few; an unknown cause; the tests do not show it; how
-accurate the arm is elsewhere is not known. And why there is none: it differs from run to run; what a correction gains is too
-small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
+accurate the arm is elsewhere is not known. And why there is none: it differs from run to run; what a correction gains
+is too small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Test:
+class NamingTest:
     """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are
     expected after it, and the causes that it tells apart."""
 
@@ -91,7 +91,7 @@ class Act:
     effect: Effect | None = None
     u: float | None = None
     command: tuple[str, ...] = ()
-    test: Test | None = None
+    test: NamingTest | None = None
     runs: int | None = None
     against: tuple[Against, ...] = ()
 

@@ -14,11 +14,12 @@ from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
 from analysis.inference.result import BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.inference.search import SearchResult
+from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
-from rigs.schema.effect import PartKind, healthy, label_of, size_field
+from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The budget: every part of the gap between model and readings, so that the shares add up to one.
@@ -27,23 +28,31 @@ from rigs.schema.effect import PartKind, healthy, label_of, size_field
 # absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
 # goes to each. Every test counts by its readings, as in the gap.
 
-CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
-"""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
 be."""
+_CANCELS = 0.005
+"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
 _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+_NO_FREEDOM = 1e-14
+"""Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts that each joint has one of."""
+
+
+def group_of(effect: Effect) -> tuple[PartKind, int | None]:
+    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
+    joint where each joint has one."""
+    return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
 
 
 @dataclass(frozen=True)
 class Measure:
     """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
-    set-ups absorb."""
+    set-ups absorb: as much as in the gap, where the readings alone do not decide how high above its circle a ball is.
+    """
 
     linear: Linearisation
 
@@ -63,14 +72,29 @@ class Measure:
         return self.linear.at_entries(parts)
 
     @cached_property
-    def _basis(self) -> Array:
-        """An orthonormal basis (N, s) of what set-ups absorb where every reading counts alike, as in the gap."""
-        return basis_of(self._root[:, None] * self.linear.U)
+    def _absorbs(self) -> tuple[Array, Array]:
+        """What set-ups are free to do (N, s), and what takes the moves (s,) from weighted changes (N,): the balls of
+        circles and hemispheres as far as the fit of a gap lets them go, everything else as it fits best."""
+        U = self._root[:, None] * self.linear.U
+        whole = self._root * self.linear.residual(())
+        kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
+        held = np.zeros(U.shape[1])
+        for one, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
+            if not isinstance(one.one.table, PlaceTable):
+                held[self.linear.terms[one.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+        return U, np.linalg.pinv(U.T @ U + np.diag(held), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
-        kept: Array = weighted - self._basis @ (self._basis.T @ weighted)
+        U, moves = self._absorbs
+        kept: Array = weighted - U @ (moves @ weighted)
+        return kept
+
+    def without_set_up(self, changes: Array) -> Array:
+        """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
+        _, moves = self._absorbs
+        kept: Array = changes - self.linear.U @ (moves @ (self._root * changes))
         return kept
 
     def um(self, changes: Array) -> float:
@@ -105,15 +129,15 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, beside] @ known[beside]
         columns, um = measure.of(T[:, own]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(own, own)] * columns), 0.0)))
-        usual = measure.um(result.linear.columns([_usual(effect)])[:, 0])
+        usual = measure.um(result.linear.columns([_usual(effect, effect.usual_times(result.built))])[:, 0])
         found.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return found
 
 
-def _usual(effect: Effect) -> Effect:
-    """Return the effect as a healthy arm shows it."""
+def _usual(effect: Effect, times: float) -> Effect:
+    """Return the effect as an arm without a fault shows it, so many times its healthy size."""
     expected = {one.field: one.expected for one in effect.FREE}
-    return healthy(effect).model_copy(update=expected)
+    return scaled(healthy(effect), times, **expected)
 
 
 def budget_of(
@@ -122,6 +146,14 @@ def budget_of(
     """Return the parts of the gap, the largest share first; the shares add up to 1. `named` has the fitted effects in
     any order, and may have a vibration that no model removes; changes are of readings (N,)."""
     return _Budget(result, gap).parts(named, changes)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A part, and what it does (N,) as a vector of `Measure.of`."""
+
+    part: BudgetPart
+    vector: Array
 
 
 @dataclass(frozen=True)
@@ -156,12 +188,12 @@ class _Budget:
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
         effects = self.result.state.refined.effects
-        found = [
+        drawn = [
             self._effect(one, place, changes[effects.index(one.effect)])
             for place, one in enumerate(named)
             if one.effect in effects
         ]
-        found += self._groups()
+        found = [one.part for one in self._without_cancelling([*drawn, *self._groups()])]
         rest = self._unexplained()
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(one.share for one in [*found, rest]))
         for place, one in enumerate(named):
@@ -172,21 +204,37 @@ class _Budget:
                 scatter = replace(scatter, share=scatter.share - share)
         return sorted([*found, rest, scatter], key=lambda one: -one.share)
 
-    def _effect(self, one: Named, place: int, change: EffectChange) -> BudgetPart:
-        part = BudgetPart("effect", change.um, change.u_um, self.share(self.measure.of(change.change)))
-        return replace(
+    def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
+        """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
+        kept = list(drawn)
+        while kept and (least := min(kept, key=lambda one: one.part.share)).part.share < -_CANCELS:
+            others = [one for one in kept if one is not least]
+            if not others:
+                break
+            other = min(others, key=lambda one: float(one.vector @ least.vector))
+            vector = other.vector + least.vector
+            both = replace(
+                other.part, um=float(np.linalg.norm(vector)), u_um=max(other.part.u_um, least.part.u_um),
+                share=self.share(vector), cancelled=(*other.part.cancelled, least.part.label, *least.part.cancelled),
+            )  # fmt: skip
+            kept = [_Drawn(both, vector) if one is other else one for one in others]
+        return kept
+
+    def _effect(self, one: Named, place: int, change: EffectChange) -> _Drawn:
+        vector = self.measure.of(change.change)
+        part = BudgetPart("effect", change.um, change.u_um, self.share(vector))
+        found = replace(
             part, axis=getattr(one.effect, "axis", None), name=label_of(one.effect), times_usual=change.times_usual,
             rank=_rank(one, change), odds=one.posterior, held_out_gain=one.held_out_gain, doubt=one.doubt, index=place,
         )  # fmt: skip
+        return _Drawn(found, vector)
 
-    def _groups(self) -> list[BudgetPart]:
+    def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
         posterior, columns = self.result.posterior, self.result.selection.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            effect = form.effects[0]
-            axis = getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
-            groups.setdefault((effect.part, axis), []).append(form)
+            groups.setdefault(group_of(form.effects[0]), []).append(form)
         found = []
         for (kind, axis), forms in groups.items():
             own = np.array([column for form in forms for column in form.columns])
@@ -194,12 +242,14 @@ class _Budget:
             vector = moved @ posterior.mean[own]
             gram = moved.T @ moved
             u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(own)), 0.0)))
-            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own])))
+            times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
+            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own] * times**2)))
             um = float(np.linalg.norm(vector))
-            times = um / usual_um if usual_um > 0 else 0.0
-            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if times > FAULT else "usual"
-            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=times, rank=rank)
-            found.append(replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part)
+            ratio = um / usual_um if usual_um > 0 else 0.0
+            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
+            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
+            part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
+            found.append(_Drawn(part, vector))
         return found
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:

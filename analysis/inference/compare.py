@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.observation import by_socket, outside_effect_coverage, residuals_of
-from analysis.inference.setups import fit_setups, observe_runs, split_by_frame
+from analysis.inference.placements import observe_runs, split_by_frame, split_by_target
+from analysis.inference.setups import fit_setups
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
@@ -25,6 +26,9 @@ from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.inference.disagreement import Disagreement
 
 
 @dataclass(frozen=True)
@@ -82,12 +86,14 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges."""
+    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges. `disagreement` is
+    where model and readings disagree, None where that was not asked."""
 
     runs: tuple[Comparison, ...]
     setups: dict[str, SetUp]
     doubts: tuple[str, ...]
     poses: tuple[PoseComparison, ...] = ()
+    disagreement: Disagreement | None = None
 
     def to_table(self) -> pa.Table:
         """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
@@ -106,6 +112,7 @@ class Compared(Tabular):
                 "poses": [asdict(one) for one in self.poses],
                 "setup": setups,
                 "doubts": self.doubts,
+                **(self.disagreement.to_dict() if self.disagreement else {}),
             }
         )
         return plain
@@ -136,6 +143,8 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     runs = [run for run, _ in pieces]
     names = [run.run.manifest.name for run in runs]
     observations, doubts = split_by_frame(model, [one for _, one in pieces], names)
+    observations, of_targets = split_by_target(model, observations, names)
+    doubts += of_targets
     for name, one in zip(names, observations, strict=True):
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     placed = fit_setups([(model, one) for one in observations])

@@ -12,9 +12,10 @@ import numpy as np
 
 from analysis.inference.act_list import JudgedPlace, acts_of
 from analysis.inference.blocks import Block
-from analysis.inference.budget import EffectChange, budget_of, effect_changes
+from analysis.inference.budget import EffectChange, Measure, budget_of, effect_changes
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
+from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
 from analysis.inference.plan import possible_tests, separating
 from analysis.inference.prepared_runs import prepare_runs, without_wild
@@ -24,6 +25,7 @@ from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.stepwise import staircase_of
 from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, left_um, stages_of, widening
 from analysis.inference.verdict import (
     Gaps,
@@ -190,6 +192,7 @@ def diagnose(
     said = judged_of(found, whole, gaps)
     calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, said)
     found = replace(found, calibrated=calibrated)
+    found = replace(found, staircase=staircase_of(found, result, stages, sound, judges, elsewhere))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
     if found.condition == "ambiguous":
@@ -197,7 +200,12 @@ def diagnose(
         next_test, doubt = _next_test(rig, named, used, result)
         found, doubts = replace(found, next_test=next_test), doubts + doubt
     place = JudgedPlace(judged.place, sound, elsewhere or judges or sound, stages, gaps.judged)
-    found = replace(found, acts=acts_of(found, place))
+    if found.condition not in ("not_testable_here", "undecided") and given is None:
+        kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+        tests = naming_tests(rig, kinds, result, found.budget, named, (sound, elsewhere))
+    else:
+        tests = []
+    found = replace(found, acts=acts_of(found, place, tests))
     return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
 
 
@@ -235,7 +243,8 @@ def _diagnosis_of(
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
-    after = linear.in_mm(result.residual)
+    measure = Measure(linear)
+    drawn = [linear.in_mm(measure.without_set_up(linear.residual(one))) for one in ((), result.state.refined.effects)]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
         condition=condition,
@@ -258,8 +267,8 @@ def _diagnosis_of(
         repeated=all(block.measured for block in linear.blocks),
         level=result.state.level,
         doubts=(),
-        curves=curves_of(linear.blocks, before, after),
-        maps=maps_of(linear.blocks, before, after),
+        curves=curves_of(linear.blocks, *drawn),
+        maps=maps_of(linear.blocks, *drawn),
         seconds=0.0,
     )
 

@@ -430,7 +430,8 @@ class Gain:
 @dataclass(frozen=True)
 class Plan:
     """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
-    `impossible` lists tests that this arm cannot drive, each with the reason."""
+    `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
+    may be wrong with the arm, 1 where it is as large as usual."""
 
     tests: tuple[TestName, ...]
     runs: int
@@ -439,6 +440,7 @@ class Plan:
     pairs: tuple[Pair, ...]
     gains: tuple[Gain, ...]
     impossible: tuple[tuple[str, str], ...]
+    level: float = 1.0
 
     @property
     def hidden(self) -> tuple[Detectability, ...]:
@@ -456,15 +458,16 @@ class Plan:
         return by_name(self.detectabilities)
 
 
-def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
     """Return what tests of a rig, each driven `runs` times in each direction, can and cannot distinguish.
 
-    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background. The ball is
+    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background, at a `level`
+    that a diagnosis of the arm has found (`Diagnosis.level`), or 1 before anything is measured. The ball is
     off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    judgement = judged(expected_posterior(blocks, setups))
-    possible, impossible = possible_tests(rig, tests, blocks, setups, runs=runs)
+    judgement = judged(expected_posterior(blocks, setups, level))
+    possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
     return Plan(
         tuple(tests),
@@ -477,6 +480,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
         ),
         gains,
         tuple(impossible),
+        level,
     )
 
 

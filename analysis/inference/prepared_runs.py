@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from analysis.conventions.check import findings_of
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
+from analysis.conventions.lost_poses import Far, far_poses, far_touches, left_out
 from analysis.inference.observation import (
     NO_JOINTS,
     Observation,
@@ -19,13 +20,14 @@ from analysis.inference.observation import (
     residuals_of,
     with_placement,
 )
-from analysis.inference.setups import fit_run_setups, part, split_by_frame, with_effects, with_enough_readings
-from analysis.kinematics.arm import Array, Mask
+from analysis.inference.placements import split_by_frame, split_by_target, with_enough_readings
+from analysis.inference.setups import fit_run_setups, part, with_effects
+from analysis.kinematics.arm import Array, Mask, forward, without_setup
 from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import by_accident
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
+from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, Table, TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -55,6 +57,8 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     _hold_some(uses[0], runs, wrong)
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
+    seen, far = _without_far(seen, names, set(kept))
+    doubts += far
     pieces = [(k, replace(seen[k], one=one)) for k in kept for one in by_socket(seen[k].one)]
     found, split = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
     doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + split
@@ -157,7 +161,38 @@ def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
         for k, one in zip(places, own, strict=True):
             found[k] = replace(seen[k], one=one)
         doubts += words
+    apart, words = split_by_target(seen[0].model, [run.one for run in found], names) if found else ([], [])
+    return [replace(run, one=one) for run, one in zip(found, apart, strict=True)], [*doubts, *words]
+
+
+def _without_far(
+    seen: Sequence[ObservedRun], names: Sequence[str], kept: Collection[int]
+) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs of poses without the readings that lie far from all others of their own run, before anything is
+    fitted to them, and a message for each run that has such."""
+    found, doubts = list(seen), []
+    for k, run in enumerate(seen):
+        far = _far_of(run) if k in kept else None
+        if far is None:
+            continue
+        if far.words:
+            doubts.append(f"{names[k]}: {far.words}")
+        table, out = run.one.table, far.wild
+        if isinstance(table, PoseTable):
+            out = out | (table.xyz_mm == 0).all(axis=1)
+        if out.any() and not out.all() and isinstance(table, PoseTable | TouchTable):
+            found[k] = replace(run, one=part(run.one, ~out[run.one.rows]))
+            doubts.append(f"{names[k]}: {left_out(table, out, far.far_mm)}")
     return found, doubts
+
+
+def _far_of(run: ObservedRun) -> Far | None:
+    """Return which readings of a run of poses or touches are far, None of another; targets are judged by their sphere
+    when they are evaluated, and beside the calibrated arm."""
+    table, arm = run.one.table, run.model.arm
+    if isinstance(table, PoseTable):
+        return far_poses(table, without_setup(arm))
+    return far_touches(table, forward(arm, table.q)) if isinstance(table, TouchTable) else None
 
 
 def _differing(one: Rig, other: Rig) -> str:
@@ -171,9 +206,10 @@ def _differing(one: Rig, other: Rig) -> str:
 # Names are selected with robust weights, so that a wild reading has little influence there. An rms has no such
 # weights: a single pose that was 25 mm wrong among those held out made a right name one that makes them worse.
 
-_SPREADS, _NEAR = 10.0, 2.5
-"""Robust standard deviations from which a reading is wild, and up to which it counts while set-ups are fitted; they are
-taken to be at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test, and usual."""
+_SPREADS, _SPREADS_OF_PLACES, _NEAR = 10.0, 6.0, 2.5
+"""Robust standard deviations from which a reading of a gauge is wild, and a place beside a calibrated arm
+(`analysis.conventions.lost_poses`), and up to which one counts while set-ups are fitted; they are taken to be at least
+the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test, and usual."""
 _STEPS = 4
 """Number of fits of the set-ups, each to the readings that are near after the one before (Rousseeuw's concentration
 steps): fitted to all of them, the set-up of one wild reading in nine hid them."""
@@ -188,9 +224,10 @@ def without_wild(
     targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
     sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
-    kept = _no_accidents([runs[k] for k in targets], [spreads > _SPREADS for _, spreads in away])
-    for k, (distance_mm, spreads) in zip(targets, away, strict=True):
-        one, wild = runs[k].one, spreads > _SPREADS
+    far = [spreads > _limit(runs[k]) for k, (_, spreads) in zip(targets, away, strict=True)]
+    kept = _no_accidents([runs[k] for k in targets], far)
+    for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
+        one = runs[k].one
         if one.setup in kept:
             if wild.any():
                 shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
@@ -200,6 +237,10 @@ def without_wild(
             far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
     doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
     return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
+
+
+def _limit(run: ObservedRun) -> float:
+    return _SPREADS_OF_PLACES if isinstance(run.one.table, PoseTable) else _SPREADS
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:

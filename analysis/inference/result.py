@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.acts import Act, Doubt, JudgedOn
+from analysis.inference.staircase import Staircase
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
@@ -77,6 +78,13 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """Of a group that makes more than a third of the gap: what it may be, the likeliest first."""
+    cancelled: tuple[str, ...] = ()
+    """The labels of what cancels some of it, which is counted with it."""
+
+    @property
+    def label(self) -> str:
+        """What it is, for a machine: the name of an effect, or its kind with the axis."""
+        return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
     def sigma(self) -> float:
@@ -122,6 +130,15 @@ _DIFFERS, _SURE = 0.5, 3.0
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
+
+
+SURE_SIGMA = 3.0
+"""Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
+CERTAIN_ODDS = ODDS / (1 + ODDS)
+"""Share of the evidence from which a name has no rival."""
+CERTAIN_SIGMA = 7.0
+"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
+"""
 
 
 @dataclass(frozen=True)
@@ -293,6 +310,12 @@ class Gap:
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
 
+    @property
+    def u_um(self) -> float:
+        """Standard uncertainty of each of these figures in µm: that of the mean of so many runs, of which each has the
+        noise."""
+        return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
+
     def to_dict(self) -> dict[str, Any]:
         """In plain types, the keys without their unit, which is µm."""
         return {
@@ -376,7 +399,8 @@ class Diagnosis(Tabular):
     model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
     tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether
     the noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists
-    what limits the trust in the result.
+    what limits the trust in the result. `staircase` is the gap as parts of the budget are added to the model, None
+    where nothing is.
     """
 
     condition: Condition
@@ -404,6 +428,7 @@ class Diagnosis(Tabular):
     seconds: float
     calibrated: CalibratedModel | None = None
     given: bool = False
+    staircase: Staircase | None = None
     acts: tuple[Act, ...] = ()
     """What follows from it, the first act first; every output prints from here."""
 
@@ -464,13 +489,14 @@ class Diagnosis(Tabular):
                 "runs": self.runs,
                 "effects": [one.to_dict() for one in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [_of_place(place) for place in self.where],
+                "where": [of_place(place) for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(one) for one in self.left],
                 "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
+                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -480,7 +506,22 @@ class Diagnosis(Tabular):
         return plain
 
 
-def _of_place(place: Place) -> dict[str, Any]:
+def is_there(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether something does what a part says for certain, though it may be one of a few effects that look
+    alike."""
+    if part.index is None:
+        return part.sigma >= CERTAIN_SIGMA
+    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
+
+
+def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+    """Return whether a part is there for certain, an effect without rivals or many small terms together."""
+    known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
+    return known and is_there(found, part)
+
+
+def of_place(place: Place) -> dict[str, Any]:
+    """A place in plain types."""
     return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
 
 

@@ -21,6 +21,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.traces.tables import PlaceTable, PoseTable
 from rigs.effects import Effect
+from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The search: set-ups fitted, noise estimated and names selected, repeated until the names leave the set-ups where
@@ -53,6 +54,11 @@ class SearchResult:
     state: SelectionState
     posterior: Posterior
     rival_odds: tuple[RivalOdds, ...]
+
+    @property
+    def built(self) -> Build:
+        """How the arm is built, by which it is judged what is usual."""
+        return self.linear.blocks[0].model.rig.robot.built
 
     @cached_property
     def contributions(self) -> list[Array]:

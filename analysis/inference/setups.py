@@ -18,23 +18,15 @@ from analysis.geometry.rigid import best_rigid, moved_by
 from analysis.inference.observation import (
     Observation,
     ObservedRun,
-    observe,
     predicted,
     predicted_in_scene,
     residuals_of,
-    rms,
-    thinned,
-    with_placement,
 )
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of
-from analysis.model.predict import Model, SetUp, model_of, moved, nominal_setup
+from analysis.kinematics.arm import Array, Integers
+from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.model.scene import Scene
-from analysis.noise.cell import BALL_MM, JOINT_DEG
-from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PlaceTable, PoseTable, Table, TouchTable
 from rigs.effects import Effect
-from rigs.errors import FileError
-from rigs.rig import Rig
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Set-ups: their terms, how they are changed, and how they are fitted while a model is frozen.
@@ -42,6 +34,9 @@ from rigs.rig import Rig
 # The terms of a set-up are numbers in mm: the ball's position and the zeros of the gauges; for poses the position of
 # the instrument, its rotation (in mm at a distance of 100 mm) and the position of its target; for touches the position
 # of the socket, as an instrument that is not turned, and that of the ball on the tool.
+#
+# All placements of poses share the tool's target, unless the data prove that it sat elsewhere: a reflector in another
+# nest. Such runs name their target behind the placement, and share its place alone.
 
 _REACH_MM = 100.0
 """Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and has no effect on the
@@ -74,8 +69,31 @@ def terms_of(table: Table) -> int:
 
 def frame_terms(table: PlaceTable) -> int:
     """Return the number of the first terms of a set-up of places, those of the instrument or of the socket; the others
-    are those of the target or ball on the tool, which all placements of a test share."""
+    are those of the target or ball on the tool, which all placements of a test with that target share."""
     return 6 if isinstance(table, PoseTable) else 3
+
+
+_TARGET = "; target "
+"""Between the name of a placement and the number of its target on the tool, from 2 on."""
+
+
+FRAME = ", frame "
+"""Between the name of a placement and the number of a frame that its runs showed, from 2 on."""
+
+
+def placement_of(setup: str) -> str:
+    """Return the name of the placement of a set-up, without that of its target."""
+    return setup.partition(_TARGET)[0]
+
+
+def target_of(setup: str) -> str:
+    """Return the target of a set-up, empty for the first or only one."""
+    return setup.partition(_TARGET)[2]
+
+
+def targeted(setup: str, target: str) -> str:
+    """Return the name of a set-up with a target, empty for the first or only one."""
+    return f"{setup}{_TARGET}{target}" if target else setup
 
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
@@ -91,18 +109,19 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
 
 
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
-    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses, and all
-    sockets of touches, share those of the tool."""
+    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses with one target,
+    and all sockets of touches, share those of the tool, and all targets of one placement those of the instrument."""
+    shared: dict[tuple[object, str], list[int]] = {}
     columns: dict[str, list[int]] = {}
-    tools: dict[type[Table], list[int]] = {}
-    count = 0
     for name, table in tables.items():
-        own = list(range(count, count + (frame_terms(table) if isinstance(table, PlaceTable) else terms_of(table))))
-        count += len(own)
-        if isinstance(table, PlaceTable) and type(table) not in tools:
-            tools[type(table)] = list(range(count, count + 3))
-            count += 3
-        columns[name] = own + tools.get(type(table), [])
+        if isinstance(table, PlaceTable):
+            parts = [((), placement_of(name), frame_terms(table)), (type(table), target_of(name), 3)]
+        else:
+            parts = [((), name, terms_of(table))]
+        columns[name] = []
+        for kind, part_name, terms in parts:
+            first = sum(map(len, shared.values()))
+            columns[name] += shared.setdefault((kind, part_name), list(range(first, first + terms)))
     return columns
 
 
@@ -168,20 +187,46 @@ def _energy(parts: Parts, setup: SetUp) -> float:
 
 
 def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:
-    """Return starting set-ups for placements of poses without one: with the tool of a placement that has one, or else
+    """Return starting set-ups for placements of poses without one: with the target of a placement that has one, or else
     of that with most poses, and instruments where their readings place them."""
-    new = [name for name in named if name not in starting]
-    if not new:
-        return {}
-    found: dict[str, SetUp] = {}
-    known = next((starting[name] for name in named if name in starting), None)
-    if known is None:
-        most = max(new, key=lambda name: sum(one.values.size for _, one in named[name]))
-        model, one = named[most][0]
-        start = at_instrument(nominal_setup(model.rig, one.table), named[most])
-        known = _placed(named[most], {most: start})[most] if len(new) > 1 else start
-        found[most] = known
-    return found | {name: at_instrument(known, named[name]) for name in new if name not in found}
+    by_size = sorted(named, key=lambda name: -sum(one.values.size for _, one in named[name]))
+    found = {name: starting[name] for name in named if name in starting}
+    for name in by_size:
+        if name in found:
+            continue
+        same_tool = next((setup for other, setup in found.items() if target_of(other) == target_of(name)), None)
+        same_place = next((setup for other, setup in found.items() if placement_of(other) == placement_of(name)), None)
+        model, one = named[name][0]
+        if same_tool and same_place:
+            found[name] = replace(same_tool, T_instrument_world=same_place.T_instrument_world)
+        elif same_tool:
+            found[name] = at_instrument(same_tool, named[name])
+        elif same_place:
+            found[name] = _at_target(same_place, named[name])
+        else:
+            start = at_instrument(nominal_setup(model.rig, one.table), named[name])
+            found[name] = _placed(named[name], {name: start})[name] if len(named) > 1 else start
+    return {name: setup for name, setup in found.items() if name not in starting}
+
+
+def _at_target(setup: SetUp, parts: Parts) -> SetUp:
+    """Return a set-up with its target where the poses, of (m, 3) mm, show it on the tool, with the instrument as it
+    is; a place depends on it linearly."""
+    bare = replace(setup, T_tool_target=np.eye(4))
+    steps = [replace(bare, T_tool_target=_at(step)) for step in np.eye(3)]
+    zero, *moved_by_step = (
+        np.concatenate([predicted(model, one, place).ravel() for model, one in parts]) for place in (bare, *steps)
+    )
+    seen_there = np.concatenate([one.values.ravel() for _, one in parts])
+    slopes = np.stack([column - zero for column in moved_by_step], axis=1)
+    return replace(setup, T_tool_target=_at(np.linalg.lstsq(slopes, seen_there - zero, rcond=None)[0]))
+
+
+def _at(place: Array) -> Array:
+    """Return the frame (4, 4) at a place (3,) mm, not turned."""
+    frame = np.eye(4)
+    frame[:3, 3] = place
+    return frame
 
 
 def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
@@ -191,9 +236,7 @@ def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
     places = np.concatenate([predicted(model, one, bare) for model, one in parts])
     seen_there = np.concatenate([one.values for _, one in parts])
     if isinstance(parts[0][1].table, TouchTable):  # a socket has a place and no turn
-        socket = np.eye(4)
-        socket[:3, 3] = (seen_there - places).mean(axis=0)
-        return replace(bare, T_instrument_world=socket)
+        return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
 
@@ -231,166 +274,6 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
         if np.abs(change).max() < _ENOUGH_MM:
             break
     return at(so_far)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Placements: runs of one test and placement share a set-up unless their readings show that something was moved.
-#
-# A placement has a name if the user gave one when the run was recorded or imported; otherwise the readings decide.
-# Circles of one direction repeat each other, so model errors displace their balls equally, and two balls further
-# apart than the scatter of a real cell were mounted separately. A play moves the ball of one direction relative to
-# that of the other, so frames of both directions are only matched. Runs at targets, and poses, that cannot share one
-# rigid frame have far larger residuals together than each alone. Poses of all placements share the tool, so that a
-# placement of few poses needs only its frame from them.
-
-_APART = 3.0
-"""Ratio of the residual of two runs together to that of each alone, above which they have separate frames. Chosen: a
-wrong model increases both."""
-_APART_MM = 5 * BALL_MM.high
-"""Smallest difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
-_MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
-"""Change of the readings from a circle to its repeat above which the ball was moved: three times the largest scatter of
-ball and joints of real cells, at the end of an arm of one metre."""
-_ENOUGH_ROWS = 256
-"""Number of readings of a circle by which its frame is found. Chosen: with a micrometre of noise they place the ball to
-a tenth of a micrometre, and a ball that was moved is a thousand times further off."""
-TO_SPARE = 9
-"""Number of readings beyond the terms of a set-up from which on the residual of a run alone is meaningful. Chosen:
-three poses, of three coordinates each."""
-
-
-def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
-    """Return runs as observations of (m, k) mm, each with the set-up of its placement. Raises FileError for a run of
-    another robot."""
-    model = model_of(rig)
-    for run in runs:
-        if not same_arm(arm_of(run.rig.robot), model.arm):
-            what = f"is of another robot than {rig.name}: its link constants differ"
-            raise FileError(
-                str(run.path), what, "give the runs of one robot at a time, or the --rig that they were made with"
-            )
-    return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
-
-
-def split_by_frame(
-    model: Model, observations: Sequence[Observation], names: Sequence[str]
-) -> tuple[list[Observation], list[str]]:
-    """Return the observations, of (m, k) mm, with a set-up for each frame that they show, and messages about them."""
-    found, messages = list(observations), []
-    for setup in dict.fromkeys(one.setup for one in observations):
-        places = [k for k, one in enumerate(observations) if one.setup == setup]
-        split = _circle_frames if isinstance(observations[places[0]].table, CircleTable) else _target_frames
-        frames = sorted(sorted(frame) for frame in split(model, observations, places))
-        for number, frame in enumerate(frames[1:], start=2):
-            for k in frame:
-                found[k] = replace(found[k], setup=f"{setup}, frame {number}")
-        if len(frames) > 1:
-            runs = "; ".join(", ".join(names[k] for k in frame) for frame in frames)
-            what = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
-            messages.append(f"{what}, which rig relabel --placement can name")
-    return found, messages
-
-
-def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int], list[str]]:
-    """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
-    Raises FileError if there are none."""
-    tool_known = {type(one.table) for one in observations if _spare(observations, one.setup) > 0}
-    reasons: dict[str, str] = {}
-    for one in observations:
-        shares = isinstance(one.table, PlaceTable) and type(one.table) in tool_known
-        terms = terms_of(one.table) - 3 * shares
-        readings = _readings(observations, one.setup)
-        if readings <= terms:
-            reasons[one.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
-    kept = [k for k, one in enumerate(observations) if one.setup not in reasons]
-    if not kept:
-        setup, why = next(iter(reasons.items()))
-        raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
-    return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
-
-
-def same_arm(one: Arm, other: Arm) -> bool:
-    """Whether two arms have the same link constants and couplings, and rails."""
-    rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (one, other))
-    return np.allclose(rail, other_rail, atol=1e-9) and all(
-        np.allclose(getattr(one, constant), getattr(other, constant), atol=1e-9)
-        for constant in ("a", "alpha", "beta", "d", "offset", "coupling")
-    )
-
-
-def _readings(observations: Sequence[Observation], setup: str) -> int:
-    return sum(one.values.size for one in observations if one.setup == setup)
-
-
-def _spare(observations: Sequence[Observation], setup: str) -> int:
-    table = next(one.table for one in observations if one.setup == setup)
-    return _readings(observations, setup) - terms_of(table)
-
-
-def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
-    """Return circles grouped by frame: first those of each direction, which are then matched."""
-    few = {k: thinned(observations[k], _ENOUGH_ROWS) for k in places}
-    alone = {k: fit_setups([(model, one)])[one.setup] for k, one in few.items()}
-
-    def moved_mm(one: int, other: int) -> float:
-        here, there = (predicted(model, few[other], alone[k]) for k in (one, other))
-        return rms([there - here])
-
-    ways: dict[str, list[list[int]]] = {}
-    for k in places:
-        table = observations[k].table
-        assert isinstance(table, CircleTable)  # noqa: S101 - of one test, all are
-        frames = ways.setdefault(table.direction, [])
-        home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
-        if home is None:
-            frames.append([k])
-        else:
-            home.append(k)
-    most, *others = sorted(ways.values(), key=len, reverse=True)
-    for frames in others:
-        apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
-        for row, column in _nearest(apart):
-            most[column] = most[column] + frames[row]
-    return most
-
-
-def _nearest(apart: Array) -> list[tuple[int, int]]:
-    """Return the pairs of rows and columns of a matrix (r, c) with the least sum; each row has one column."""
-    if apart.shape == (1, 1):
-        return [(0, 0)]
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
-
-    return list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
-
-
-def _target_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
-    """Return runs at targets, or of poses, grouped by frame."""
-    frames: list[list[int]] = []
-    # Runs with most readings come first, because a run of few readings can only join a frame.
-    for k in sorted(places, key=lambda k: -observations[k].values.size):
-        home = next((frame for frame in frames if _one_frame(model, [observations[j] for j in (*frame, k)])), None)
-        if home is None:
-            frames.append([k])
-        else:
-            home.append(k)
-    return frames
-
-
-def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
-    """Return whether the last run can be in the frame of the others."""
-    *others, last = runs
-    together = _left(model, runs)
-    if last.values.size < terms_of(last.table) + TO_SPARE:
-        alone = rms(_left(model, others))
-    else:
-        alone = max(rms(_left(model, others)), rms(_left(model, [last])))
-    apart = max(rms(together[:-1]), rms(together[-1:]))
-    return apart < _APART * alone or apart < alone + _APART_MM
-
-
-def _left(model: Model, runs: Sequence[Observation]) -> list[Array]:
-    """Return the residuals (m, k) mm of runs with their set-ups fitted."""
-    return residuals_of(model, runs, fit_setups([(model, one) for one in runs]))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -477,7 +360,8 @@ def without_a_fold(
     used, left_out = [], []
     for run in runs:
         q = run.one.table.q[run.one.rows]
-        few = len(q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
+        # Poses that were left out as wild make no run of sixty one of few.
+        few = len(run.one.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
         if not isinstance(run.one.table, PlaceTable) or few:
             used.append(run)
             continue

@@ -67,8 +67,8 @@ class SelectionState:
         return bool(self.faults_among([self.refined.effects[place]]))
 
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than healthy arms, and arms of this level, show."""
-        return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
+        """Return the effects that are larger than healthy arms show, whatever this arm shows elsewhere."""
+        return tuple(one for one in effects if abs(size_of(one)) > FAULT)
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:

@@ -11,13 +11,24 @@ import numpy as np
 
 from analysis.inference.acts import Doubt, JudgedOn
 from analysis.inference.background import best_free_form, free_forms_of
-from analysis.inference.budget import CERTAIN_SIGMA, EffectChange, sizes_by_setup
+from analysis.inference.budget import EffectChange, sizes_by_setup
 from analysis.inference.candidates import order_of
 from analysis.inference.link_swing import FoundVibration
 from analysis.inference.observation import ObservedRun
 from analysis.inference.residuals import bands_above_noise
 from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
-from analysis.inference.result import ODDS, Accuracy, Condition, Diagnosis, Gap, Named, Remainder, Rival
+from analysis.inference.result import (
+    CERTAIN_ODDS,
+    CERTAIN_SIGMA,
+    ODDS,
+    Accuracy,
+    Condition,
+    Diagnosis,
+    Gap,
+    Named,
+    Remainder,
+    Rival,
+)
 from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
@@ -120,8 +131,6 @@ _CRUMBS = 0.05
 a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
 _SURE = 0.999
 """Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
-_LARGE = 0.5
-"""Share of the gap from which a usual effect leaves the condition open where only one run of each kind was driven."""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
 one, both would be confused in a third of all repeats."""
@@ -148,8 +157,6 @@ of them stays above it."""
 _SIGMA = 2.0
 """Uncertainties of what it does up to which a name does not stand. With gauges that were exchanged in all runs a length
 of -23 ± 23 mm had odds above 99.9 %."""
-_CERTAIN = ODDS / (1 + ODDS)
-"""Odds among rivals below which a name is ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +186,7 @@ class Gaps:
 
 def ambiguous_names(found: Sequence[Named]) -> list[Named]:
     """Return the names that stand and whose rivals cannot be dismissed."""
-    return [one for one in found if one.stands and one.posterior < _CERTAIN]
+    return [one for one in found if one.stands and one.posterior < CERTAIN_ODDS]
 
 
 def named_effects(
@@ -229,15 +236,12 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
 def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
     """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
 
-    What is certain and larger than usual is never too small to say; what only this quiet arm shows little of otherwise
-    must move the readings by more than one run scatters.
+    What is certain and larger than arms of its build show is never too small to say.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.refined.effects[k]
-    moves = worth(result.linear, result.contributions[k]).is_material(result.scatter_limits_um)
     reasons: tuple[tuple[bool, Doubt], ...] = (
-        (not state.is_fault(k), "usual"),
-        (not moves and abs(size_of(effect)) < FAULT, "usual"),
+        (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
@@ -354,10 +358,18 @@ def condition_of(
     if (is_material and _is_much(result, left, gaps)) or _is_foreign(gaps):
         return "outside_library"
     if any(one.stands for one in found):
-        return "ambiguous" if ambiguous_names(found) else "named"
-    if is_undecided(result, found):
+        open_ones = ambiguous_names(found)
+        sure = [one for one in found if one.stands and one not in open_ones]
+        # The condition is that of most of what stands: a small name with a rival labels no others.
+        return "named" if _energy(sure) > _energy(open_ones) else "ambiguous"
+    if is_undecided(found):
         return "undecided"
     return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
+
+
+def _energy(found: Sequence[Named]) -> float:
+    """Return the mean square in µm² that names make."""
+    return sum(one.worth_um**2 for one in found)
 
 
 def _is_much(result: SearchResult, left: Remainder, gaps: Gaps) -> bool:
@@ -387,13 +399,9 @@ def _readings_apart(result: SearchResult) -> int:
     return told
 
 
-def is_undecided(result: SearchResult, found: Sequence[Named]) -> bool:
-    """Return whether more runs may find a fault: one of its size is not certain yet, or one that makes much of the gap
-    is compared with a level of this arm that runs without repeats do not show."""
-    doubted = any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
-    whole = worth(result.linear, result.initial_residual).whole_um
-    large = any(one.doubt == "usual" and one.worth_um > _LARGE * whole for one in found)
-    return doubted or (large and not all(block.measured for block in result.linear.blocks))
+def is_undecided(found: Sequence[Named]) -> bool:
+    """Return whether more runs may find a fault: one of its size is not certain yet."""
+    return any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
 
 
 def runs_to_decide(result: SearchResult, found: Sequence[Named]) -> int:

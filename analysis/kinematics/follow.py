@@ -19,7 +19,7 @@ from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
-from analysis.kinematics.solved import wrapped
+from analysis.kinematics.turns import wrapped
 from rigs.errors import PathError
 
 Indices = NDArray[np.intp]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask, tool_columns
+from analysis.kinematics.turns import wrapped
 
 _TOLERANCE_MM, _TOLERANCE_RAD = 1e-8, 1e-10
 _SAME_RAD = 1e-6
@@ -28,12 +29,6 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 def good(mm: Array, rad: Array) -> Mask:
     """Which branches, so far off in mm (k, n) and rad (k, n), are solutions."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
-
-
-def wrapped(angle: Array) -> Array:
-    """The same angles (n, …) rad in (-180°, 180°]."""
-    wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
-    return wrapped
 
 
 def distinct(arm: Arm, q: Array, found: Mask) -> tuple[Array, Mask]:

@@ -59,10 +59,11 @@ def lap_state(view: LiveView) -> LapState:
     if phi_deg(view) is None:
         return LapState("off")
     share, sense = lap_share(view), view.lap.sense
+    other_way = view.direction is not None and sense != {"acw": 1, "cw": -1}[view.direction]
+    if view.lap.goes_back or (share is not None and other_way):
+        return LapState("way_back")
     if share is None:
         return LapState("stands")
-    if view.direction is not None and view.direction != {1: "acw", -1: "cw"}[sense]:
-        return LapState("way_back")
     number = 1 + (view.lap.acw if sense > 0 else view.lap.cw) + max(0, math.floor(share))
     if view.direction is not None and number > view.cell.laps:
         return LapState("lead_out")
@@ -134,7 +135,10 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
         parts.append(f"{angle_name(view)} {degrees:.4f}°")
     if (phi := phi_deg(view)) is not None:
         share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]
-        parts.append(f"φ {phi:.1f}°{sense}" + (f", {100 * share:.0f} % of the lap" if share is not None else ""))
+        lap = ", way back" if lap_state(view).place == "way_back" else ""
+        if share is not None and not lap:
+            lap = f", {100 * share:.0f} % of the lap"
+        parts.append(f"φ {phi:.1f}°{sense}{lap}")
     parts.append(f"{sum(view.reversal_counts)} reversals")
     if view.state and (lost := [name for name, one in view.state["streams"].items() if not one["connected"]]):
         parts.append(f"lost: {', '.join(lost)}")

@@ -2,6 +2,9 @@
 
 A lap begins at the start angle, after the lead-in, as in `analysis.traces.laps`. The sense is known 2° after the tool
 has begun to move or turned back, which is more than the noise of any feedback.
+
+Few wrists have two turns to give, so a robot goes back after a lap before it drives the next. What goes back over the
+way of a whole lap, without having left the circle, is that way back and no lap of the other direction.
 """
 
 from __future__ import annotations
@@ -24,7 +27,9 @@ _WHOLE_RAD = _TURN - math.radians(2.0)
 @dataclass(frozen=True)
 class LapProgress:
     """phi_rad: unwrapped circle angle of the last row, nan off the circle; sense: 1 acw, -1 cw, 0 unknown; extreme_rad:
-    the furthest in this sense; from_rad: where the motion in this sense began; driven: laps completed of each sense."""
+    the furthest in this sense; from_rad: where the motion in this sense began; acw, cw: laps completed of each sense;
+    forward: the sense of the first whole lap since the tool came to the circle, 0 before it, and origin_rad: where that
+    began."""
 
     phi_rad: float = math.nan
     sense: int = 0
@@ -32,6 +37,14 @@ class LapProgress:
     from_rad: float = math.nan
     acw: int = 0
     cw: int = 0
+    forward: int = 0
+    origin_rad: float = math.nan
+
+    @property
+    def goes_back(self) -> bool:
+        """Whether the tool goes back over the way of its laps."""
+        unwinds = self.forward != 0 and self.sense == -self.forward
+        return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
     def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
         """Return the progress after rows at circle angles phi (n,) rad, and at each row the sense of motion (n,) and
@@ -46,11 +59,11 @@ class LapProgress:
 
     def share(self, start_rad: float, lead_rad: float) -> float | None:
         """Return how much of the present lap is driven, below 0 in the lead-in and above 1 after it; None where the
-        tool does not move along the circle."""
-        if self.sense == 0 or math.isnan(self.phi_rad):
+        tool does not move along the circle, or goes back."""
+        if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
             return None
         ahead = self.sense * (self.phi_rad - start_rad)
-        begun = self.sense * (self.from_rad - start_rad)
+        begun = self.sense * (self._begun_rad - start_rad)
         # A way begins at the lead-in, or anywhere in the lap where the view was begun late.
         return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
 
@@ -69,12 +82,21 @@ class LapProgress:
         from_rad = self.extreme_rad if self.sense else self.from_rad
         return replace(moved.counted(), sense=1 if away > 0 else -1, extreme_rad=here, from_rad=from_rad)
 
+    @property
+    def _begun_rad(self) -> float:
+        """Where laps of the present sense can begin: where the motion does, or where the way back ends."""
+        return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
+
     def counted(self) -> LapProgress:
         """Return the progress with the whole laps of the motion that ends now counted."""
-        laps = int((abs(self.extreme_rad - self.from_rad) + _TURN - _WHOLE_RAD) / _TURN) if self.sense else 0
-        return replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
+        driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
+        laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
+        counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
+        if laps and not self.forward:
+            return replace(counted, forward=self.sense, origin_rad=self.from_rad)
+        return counted
 
     def ended(self) -> LapProgress:
         """Return the progress after the tool has left the circle."""
-        off = replace(self.counted(), phi_rad=math.nan, sense=0)
-        return replace(off, extreme_rad=math.nan, from_rad=math.nan)
+        off = replace(self.counted(), phi_rad=math.nan, sense=0, extreme_rad=math.nan, from_rad=math.nan)
+        return replace(off, forward=0, origin_rad=math.nan)

@@ -65,7 +65,7 @@ def draw_joints(area: Area, view: LiveView) -> None:
     if not len(view.rows) or not np.isfinite(view.rows.q[-1]).all():
         area.put(0, 1, "no joints yet: the robot sends nothing" if view.readings else "no joints yet", "dim")
         return
-    names = view.cell.axes if view.cell else tuple(f"joint {axis}" for axis in range(1, 7))
+    names = view.cell.axes if view.cell else tuple(f"axis {axis}" for axis in range(1, 7))
     speed = speeds(view.rows)
     last = view.last_reversals
     for k, name in enumerate(names):
@@ -177,8 +177,8 @@ def event_words(event: Event, view: LiveView) -> str:
     if event.reversal is None:
         return event.words
     one = event.reversal
-    name = f" {view.cell.axes[one.axis - 1]}" if view.cell else ""
-    return f"joint {one.axis}{name} turned back at {_place(one)}"
+    name = f" ({view.cell.axes[one.axis - 1]})" if view.cell else ""
+    return f"axis {one.axis}{name} turned back at {_place(one)}"
 
 
 def _place(one: JointReversal) -> str:

@@ -14,18 +14,20 @@ import numpy as np
 
 from analysis.geometry.iso_cube import Cube
 from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.turns import wrapped
 from analysis.measures.iso_figures import FEWEST_CYCLES
 from analysis.measures.quantity import Quantity, student_factor
 
 _SAME_RAD = float(np.radians(0.5))
-"""A group of poses is one of the cube whose joints it has within this: what a robot reports lies beside the command."""
+"""A group of poses is one of the cube whose joints it has within this, modulo a turn: what a robot reports lies beside
+the command."""
 
 
 def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
     """The number 1 … 5 of the cube's pose that each row of joints q (n, axes) rad is, 0 for another."""
     if cube is None or q.shape[1] != cube.q.shape[1]:
         return np.zeros(len(q), dtype=np.int64)
-    away = np.abs(q[:, None] - cube.q).max(axis=2)
+    away = np.abs(wrapped(q[:, None] - cube.q)).max(axis=2)
     return np.where(away.min(axis=1) < _SAME_RAD, 1 + away.argmin(axis=1), 0)
 
 

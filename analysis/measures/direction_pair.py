@@ -67,6 +67,10 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
     found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
     found |= _largest(curves, drawn([curve.y for curve in curves]), samples, found["hysteresis_mean_deg"].noise)
+    for unit in ("deg", "mm"):
+        largest_name, mean = f"hysteresis_max_{unit}", abs(found[f"hysteresis_mean_{unit}"].value)
+        # What is taken off for the noise may be more than there is; no largest value is below the mean.
+        found[largest_name] = replace(found[largest_name], value=max(found[largest_name].value, mean))
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
     return DirectionPair(found, lag)
 

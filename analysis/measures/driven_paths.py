@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.conventions.path_places import measured_places
 from analysis.geometry.iso_cube import Cube
 from analysis.geometry.iso_paths import CommandPath, PathName, paths_of
 from analysis.geometry.rigid import best_rigid, in_frame
@@ -60,6 +61,7 @@ class DrivenPaths:
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
     """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
     None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
+    table, said = measured_places(table)
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
     found = _sorted(table, commands, moves)
     whole = {name: [one for one in own if one.whole] for name, own in found.items()}
@@ -85,7 +87,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
     if coarse:
         notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
-    return DrivenPaths(paths, T, tuple(notes))
+    return DrivenPaths(paths, T, (*said, *notes))
 
 
 def _sorted(

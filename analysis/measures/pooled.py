@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.kinematics.turns import wrapped
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import PLACE, Quantity, half_turns, is_around_circle, student_factor
@@ -149,7 +150,7 @@ def _are_same_poses(first: Result, run: Result) -> bool:
     one, other = first.measured.table, run.measured.table
     if not (isinstance(one, PlaceTable) and isinstance(other, PlaceTable)):
         return True
-    return one.q.shape == other.q.shape and float(np.abs(one.q - other.q).max()) < _SAME_POSE_RAD
+    return one.q.shape == other.q.shape and float(np.abs(wrapped(one.q - other.q)).max()) < _SAME_POSE_RAD
 
 
 def _ball_mm(run: Result) -> Array | None:

@@ -27,6 +27,7 @@ from analysis.conventions.lost_poses import without_lost
 from analysis.geometry.iso_cube import Cube
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, forward, transform, without_setup
+from analysis.kinematics.turns import impossible_rad, wrapped
 from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.iso_figures import RP_VISITS, rp
@@ -92,7 +93,7 @@ def evaluate(
     """
     _hold(table, where)
     bare = without_setup(arm)
-    kept = without_lost(table, partial(_errors, bare))
+    kept = without_lost(table, bare, partial(_errors, bare))
     table = kept.table
     T = forward(bare, table.q)
     setup = fit_setup(T, table.xyz_mm)
@@ -100,7 +101,7 @@ def evaluate(
     rotation = None
     if table.rpy is not None:
         setup, rotation = _orientation(T, table.rpy, setup)
-    group = groups(table.q, same_rad)
+    group = groups(table.q, same_rad, rail=table.rail)
     again = np.flatnonzero(np.bincount(group) >= 2)
     figures, notes = (
         {},
@@ -183,15 +184,18 @@ def _misfit(rms: Quantity) -> list[str]:
     ]
 
 
-def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
-    """Number of the group (n,) of each row: rows whose joints all lie within same_rad of the group's first."""
+def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
+    """Number of the group (n,) of each row: rows whose joints all lie within same_rad of the group's first, modulo a
+    turn; rail: the last column is none of a joint."""
     from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import, needed here only
 
     number = np.full(len(q), -1, dtype=np.int64)
-    tree, count = cKDTree(q), 0
+    box = np.where(np.arange(q.shape[1]) < q.shape[1] - rail, 2 * np.pi, 0.0)
+    places = np.where(box > 0, wrapped(q) % (2 * np.pi) % (2 * np.pi), q)
+    tree, count = cKDTree(places, boxsize=box), 0
     for row in range(len(q)):
         if number[row] < 0:
-            near = np.array(tree.query_ball_point(q[row], same_rad, p=np.inf))
+            near = np.array(tree.query_ball_point(places[row], same_rad, p=np.inf))
             number[near[number[near] < 0]] = count
             count += 1
     return number
@@ -336,6 +340,6 @@ def _hold(table: PoseTable, where: str) -> None:
         raise FileError(where, "the robot stood still in all rows", "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
-    if (most := np.abs(table.q).max()) > 4 * np.pi:
+    if most := impossible_rad(table.q):
         angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")

@@ -17,8 +17,10 @@ from itertools import combinations
 
 import numpy as np
 
+from analysis.conventions.lost_poses import far_touches, left_out
 from analysis.geometry.sockets import socket_design
 from analysis.kinematics.arm import Array, Integers, forward
+from analysis.kinematics.turns import impossible_rad
 from analysis.measures.checks import hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
@@ -67,7 +69,10 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
     _hold(table, where)
     T = forward(model.arm, table.q) if not model.effects else moved(model, path := path_of(model, table)).T[path.rows]
-    names, socket = np.unique(table.socket, return_inverse=True)
+    far = far_touches(table, T)
+    said = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
+    rows, sockets_seen, T = table.rows[~far.wild] - 1, table.socket[~far.wild], T[~far.wild]
+    names, socket = np.unique(sockets_seen, return_inverse=True)
     design = socket_design(T, socket.ravel(), len(names))
     seen = -T[:, :3, 3].ravel()
     solved = np.linalg.pinv(design)
@@ -86,8 +91,8 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     distances = _distances(model, names.tolist(), terms, spread, len(left))
     if len(names) == 2:
         figures["socket_distance_mm"] = distances[0].distance
-    notes = (*_blind(design), *known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
-    return TouchResult(left, terms[:3], sockets, distances, figures, len(left), notes, table.rows - 1)
+    notes = (*said, *_blind(design), *known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
+    return TouchResult(left, terms[:3], sockets, distances, figures, len(left), notes, rows)
 
 
 def _hold(table: TouchTable, where: str) -> None:
@@ -98,7 +103,7 @@ def _hold(table: TouchTable, where: str) -> None:
         raise FileError(where, what, f"give at least {max(_FEWEST, sockets + 2)}, in postures that differ")
     if np.ptp(table.q, axis=0).max() < 1e-6:
         raise FileError(where, "the robot stood still in all rows", "touch each socket in many postures")
-    if (most := np.abs(table.q).max()) > 4 * np.pi:
+    if most := impossible_rad(table.q):
         angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")
 

@@ -19,6 +19,7 @@ from matplotlib.figure import FigureBase
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result
 from analysis.kinematics.arm import Array
 from analysis.paper.paper_table import written
+from analysis.paper.published import NOMINAL_RADIUS_MM
 from analysis.paper.rows import DIRECTIONS, Row
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.reporting.plots import label_axes, mark_reversals
@@ -27,6 +28,7 @@ from rigs.rig import Rig
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
+_ARROW = {"arrowstyle": "-|>", "lw": 2.0, "color": "black"}
 _MAGNIFIED = 100
 """Deviations from a sphere of 400 mm are drawn so much larger, as millimetres cannot be seen on it."""
 
@@ -34,7 +36,7 @@ _MAGNIFIED = 100
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
     """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
     be written."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
     simulated = figures_of(rig, rig_text)
 
@@ -45,7 +47,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
         figure.savefig(file, format="png", dpi=150)
 
     names = {number: f"figure-{number:02d}-{name}.png" for number, (name, *_) in _FIGURES.items()}
-    return write_all_over(directory, {name: partial(save_figure, number) for number, name in names.items()})
+    return write_views(directory, {name: partial(save_figure, number) for number, name in names.items()})
 
 
 def _beside(rows: Sequence[Row], number: int) -> list[Row]:
@@ -154,7 +156,7 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
 
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """7: the joints on the circle, and where they turn back."""
+    """7: the joints on the circle, and as in the paper a square where each turns back."""
     lap = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
     for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
@@ -163,7 +165,15 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 60))
         axes.margins(y=0.25)
-        mark_reversals(axes, [turn for turn in simulated.yaw["acw"].reversals if turn.name == name])
+        own = [turn for turn in simulated.yaw["acw"].reversals if turn.name == name]
+        for turn in own:
+            at = (turn.phi_deg, float(np.interp(turn.phi_deg, lap.phi_deg, q_deg)))
+            axes.plot(*at, "s", ms=8, mfc="none", mec="black", mew=1.4, clip_on=False)
+            beside = {"xytext": (-7 if turn.phi_deg > 300 else 7, 9 if turn.upper else -14), "fontsize": 8}
+            side = "right" if turn.phi_deg > 300 else "left"
+            axes.annotate(f"{turn.phi_deg:.1f}°", at, textcoords="offset points", ha=side, **beside)
+        if not own:
+            axes.text(0.5, 0.9, "does not turn back", transform=axes.transAxes, ha="center", fontsize=8, color=_GREY)
     for axes in panels[-2:]:
         axes.set_xlabel("circle angle φ / °")
 
@@ -197,26 +207,76 @@ def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _radial(figure: FigureBase, result: Result) -> None:
-    """Measured places beside the least-squares sphere, deviations enlarged, and the deviations by target."""
+    """From the side that the sphere is pulled to, from above, and over the azimuth: the errors of the targets' distance
+    from the ball, whose pull to one side is a wave once around."""
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
-    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.2))
-    ball = figure.add_subplot(grid[0], projection="3d")
     polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)
-    radius_mm = result.figures["radius_mm"].value
     ways = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
-    turns, heights = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi / 2, 10))
-    net = radius_mm * np.stack([np.sin(heights) * np.cos(turns), np.sin(heights) * np.sin(turns), np.cos(heights)])
-    ball.plot_wireframe(*net, color="black", lw=0.3, alpha=0.5)
-    ball.plot(*((radius_mm + _MAGNIFIED * curve.deviation_mm) * ways), "o", color="red", ms=4)
-    ball.set_aspect("equal")
-    ball.tick_params(labelsize=6)
-    ball.set_title(f"red: targets, deviation × {_MAGNIFIED}; black: sphere, mm", fontsize=8)
-    axes = figure.add_subplot(grid[1])
-    axes.axhline(0, color="black", lw=0.8)
-    axes.vlines(curve.target, 0, curve.deviation_mm, color="red", lw=0.8)
-    axes.plot(curve.target, curve.deviation_mm, "o", color="red", ms=4)
-    label_axes(axes, "target", "deviation from the sphere / mm")
+    centre = np.array([result.figures[f"centre_{name}_mm"].value for name in "xyz"])
+    radius_mm = result.figures["radius_mm"].value
+    # How far a target lies outside of the nominal sphere about the ball; millimetres on 400 leave the first order.
+    error_mm = radius_mm - NOMINAL_RADIUS_MM + centre @ ways + curve.deviation_mm
+    pulled_deg = float(np.degrees(np.arctan2(centre[1], centre[0])))
+    side, above, wave = figure.subplots(1, 3, width_ratios=(1.5, 0.85, 1.05))
+    _draw_side(side, ways, error_mm, centre, radius_mm)
+    _draw_above(above, curve, error_mm, pulled_deg)
+    around_deg = (curve.azimuth_deg - pulled_deg + 180) % 360 - 180
+    for ring in np.unique(curve.polar_deg[curve.polar_deg > 0]):
+        here = np.flatnonzero(curve.polar_deg == ring)
+        here = here[np.argsort(around_deg[here])]
+        wave.plot(around_deg[here], error_mm[here], "o-", ms=4, lw=1.0, label=f"{ring:.0f}° from the axis")
+    wave.axhline(0, color="black", lw=0.8)
+    wave.set_xticks(range(-180, 181, 90))
+    label_axes(wave, "azimuth from the side pulled to / °", "outside the nominal sphere / mm")
+    wave.legend(fontsize=7)
+    wave.set_title("largest on that side, smallest on the other", fontsize=8)
+
+
+def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radius_mm: float) -> None:
+    """The targets, the nominal sphere about the ball, and the least-squares sphere, seen across the pull; errors
+    enlarged. ways (3, t): directions of the targets."""
+    along = np.array([centre_mm[0], centre_mm[1], 0.0]) / max(float(np.hypot(*centre_mm[:2])), 1e-12)
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    outline = np.stack([np.sin(turn), np.cos(turn)])
+    nominal = NOMINAL_RADIUS_MM * outline
+    axes.plot(*nominal, "--", color=_GREY, lw=1.2, label="nominal sphere about the ball")
+    shift = _MAGNIFIED * np.array([centre_mm @ along, centre_mm[2]])
+    drawn_mm = NOMINAL_RADIUS_MM + _MAGNIFIED * (radius_mm - NOMINAL_RADIUS_MM)
+    axes.plot(*(drawn_mm * outline + shift[:, None]), "k-", lw=1.2, label="least-squares sphere")
+    seen = np.stack([along @ ways, ways[2]])
+    begin, end = NOMINAL_RADIUS_MM * seen, (NOMINAL_RADIUS_MM + _MAGNIFIED * error_mm) * seen
+    axes.plot(np.stack([begin[0], end[0]]), np.stack([begin[1], end[1]]), "-", color="red", lw=0.8)
+    axes.plot(*end, "o", color="red", ms=3, label=f"targets, errors × {_MAGNIFIED}")
+    axes.annotate(
+        "",
+        (float(shift[0]), float(shift[1])),
+        (0.0, 0.0),
+        arrowprops={"arrowstyle": "-|>", "lw": 2.0, "color": "black"},
+    )
+    axes.plot(0, 0, "+", color=_GREY, ms=10)
+    axes.set_aspect("equal")
+    axes.set_ylim(-60, 1.2 * NOMINAL_RADIUS_MM)
+    label_axes(axes, "to the side pulled to / mm", "along the axis / mm")
+    axes.legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=1, frameon=False)
+    axes.set_title(f"from the side: pulled by {np.linalg.norm(centre_mm):.2f} mm", fontsize=8)
+
+
+def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: float) -> None:
+    """The errors on the hemisphere seen along its axis, with an arrow to the side that it is pulled to."""
+    azimuth, limit = np.radians(curve.azimuth_deg), float(np.abs(error_mm).max())
+    x, y = curve.polar_deg * np.cos(azimuth), curve.polar_deg * np.sin(azimuth)
+    axes.scatter(x, y, c=error_mm, cmap="coolwarm", vmin=-limit, vmax=limit, s=60, edgecolors="#555555", linewidths=0.4)
+    turn = np.linspace(0, 2 * np.pi, 181)
+    for ring in (30, 60, 90):
+        axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#dddddd", lw=0.6, zorder=0)
+    tip = 112 * float(np.cos(np.radians(pulled_deg))), 112 * float(np.sin(np.radians(pulled_deg)))
+    axes.annotate("", tip, (0.0, 0.0), arrowprops=_ARROW)
+    axes.set_xlim(-120, 120)
+    axes.set_ylim(-120, 120)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_title(f"from above: red outside,\nblue inside, at most {limit:.2f} mm", fontsize=8)
 
 
 def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:

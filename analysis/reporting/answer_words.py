@@ -10,54 +10,49 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal
 
 from analysis.inference.acts import Doubt
-from analysis.inference.budget import CERTAIN_SIGMA, LARGE_SHARE
-from analysis.inference.result import BudgetPart, Condition, Diagnosis, Named
-from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size
+from analysis.inference.budget import LARGE_SHARE
+from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, is_sure, is_there
+from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
+from rigs.schema.effect import whole_order
 
-NextStep = Literal["repair", "separate", "elsewhere", "repeat", "look", "plan", "calibrate", "unseen", "nothing"]
-"""What a person does next: repair the faults; drive the test that separates rivals, or measure elsewhere where there is
-none; repeat; look whether the set-up is sound; plan tests that show something; calibrate; measure where the calibration
-had no part; or nothing."""
 SMALL_SHARE = 0.001
 """Share of the error below which parts that are not unusual are counted together."""
-_GAINS = 0.8
-"""Share of the error up to which what remains after the calibration makes it worth while. Chosen: a fifth less."""
+_WIDELY = 2.0
+"""Times usual from which an effect of usual size that is sure is said beside what makes more. Chosen: one of twenty
+arms without a fault shows as much of it."""
 _MOST_NAMED = 3
-_IMITATES: tuple[Doubt, ...] = ("contradicted", "series", "no_better")
-"""Doubts of effects that stand for something else, so that the error comes from no such cause."""
-
-_STEPS: dict[Condition, NextStep] = {
-    "named": "repair",
-    "undecided": "repeat",
-    "outside_library": "look",
-    "not_testable_here": "plan",
-    "uncalibrated": "calibrate",
-}
-
-
-def next_step(found: Diagnosis) -> NextStep:
-    """What to do next."""
-    if found.condition in _STEPS:
-        return _STEPS[found.condition]
-    if found.condition == "ambiguous":
-        return "separate" if found.next_test else "elsewhere"
-    own = found.accuracy
-    if own.standing in ("watch", "fail") and own.calibrated_um < _GAINS * own.before_there_um:
-        return "calibrate"
-    return "unseen" if own.place == "used" else "nothing"
 
 
 def large_parts(found: Diagnosis) -> list[BudgetPart]:
-    """What makes more than a third of the error for certain and is no fault, so that the condition does not say it."""
-    large = [one for one in found.budget if one.share > LARGE_SHARE and one.sigma >= CERTAIN_SIGMA]
+    """What makes more than a third of the error and is no fault, so that the condition does not say it: what is sure,
+    also where it may be one of a few, and groups of which the members are said."""
     faults = [part_of(found, one) for one in found.standing]
-    said = [*faults, *(one for one in large if one.doubt in _IMITATES)]
-    return [one for one in large if one.kind not in ("scatter", "unexplained") and one not in said]
+    return [
+        one
+        for one in found.budget
+        if one.share > LARGE_SHARE
+        and one.kind not in ("scatter", "unexplained")
+        and one not in faults
+        and (is_there(found, one) or one.members)
+    ]
+
+
+def sure_parts(found: Diagnosis) -> list[BudgetPart]:
+    """Single effects that are sure, and larger than most arms show, though they are no fault and make less."""
+    large = large_parts(found)
+    return [
+        one
+        for one in found.budget
+        if one.index is not None
+        and one not in large
+        and not found.effects[one.index].stands
+        and is_sure(found, one)
+        and (one.times_usual or 0.0) >= _WIDELY
+    ]
 
 
 def shown_parts(found: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
@@ -75,12 +70,17 @@ class AnswerWords:
 
     @property
     def headline(self) -> str:
-        """The condition of the arm in a sentence, and in another one what makes more than a third of its error."""
-        condition, large = self._condition(), self._large()
-        # What is certain comes before what is not known, and what makes more of the error before what makes less.
-        share = sum(part.share for one in self.found.standing if (part := part_of(self.found, one)))
-        first = any(one.share > share for one in large_parts(self.found)) and self.found.condition == "named"
-        parts = (large, condition) if first or self.found.condition == "undecided" else (condition, large)
+        """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
+        is open, and then what these runs do not tell."""
+        found = self.found
+        faults, large = self._faults(), self._large()
+        share = sum(part.share for one in found.standing if (part := part_of(found, one)))
+        first = any(one.share > share for one in large_parts(found))
+        wrong = [*large, *faults] if first else [*faults, *large]
+        said = "; ".join([*wrong, *self._open(), *self._sure_as_well()])
+        sentence = f"{said[:1].upper()}{said[1:]}." if said else ""
+        condition = self._condition()
+        parts = (condition, sentence) if found.condition == "outside_library" else (sentence, condition)
         return " ".join(filter(None, parts))
 
     @property
@@ -104,15 +104,12 @@ class AnswerWords:
         which = "accuracy_uncorrected" if corrected else "accuracy_judged"
         return self.texts(which, standing=self.texts(f"standing_{own.standing}"), by=by)
 
-    @property
-    def next_step(self) -> str:
-        """What to do next."""
-        step, test = next_step(self.found), self.found.next_test
-        given = {"count": self.found.runs_to_decide, "test": test.test if test else ""}
-        return self.texts(f"next_{step}", **given)
-
     def part_name(self, part: BudgetPart) -> str:
-        """A part of the budget as a person says it."""
+        """A part of the budget as a person says it, with what cancels some of it."""
+        name = self._part_name(part)
+        return self.texts("with_cancelled", part=name, count=len(part.cancelled)) if part.cancelled else name
+
+    def _part_name(self, part: BudgetPart) -> str:
         if part.index is not None:
             return self.noun(self.found.effects[part.index].effect)
         if part.kind == "effect":
@@ -124,12 +121,8 @@ class AnswerWords:
         return size(self.found.effects[part.index]) if part.index is not None else ""
 
     def rank_of(self, part: BudgetPart) -> str:
-        """The class of a part; empty where it has none. What is unusual though other arms show as much is so because
-        this arm shows less elsewhere."""
-        if part.rank is None:
-            return ""
-        here = part.rank == "unusual" and part.times_usual is not None and part.times_usual <= 1
-        return self.texts("rank_unusual_here" if here else f"rank_{part.rank}")
+        """The class of a part; empty where it has none."""
+        return self.texts(f"rank_{part.rank}") if part.rank else ""
 
     def times_usual(self, part: BudgetPart) -> str:
         """How many times as much as usual a part does; empty where that has no meaning."""
@@ -144,34 +137,65 @@ class AnswerWords:
         if words is None:
             return plain(self.found.rig, effect)
         axis = getattr(effect, "axis", None)
-        return words.format(**effect.model_dump() | {"joint": self._joint(axis) if axis else ""})
+        values = effect.model_dump() | {"joint": self._joint(axis) if axis else ""}
+        return words.format(**values | ({"order": whole_order(values["order"])} if "order" in values else {}))
 
     def _joint(self, axis: int) -> str:
         return self.texts("joint_of", axis=axis, name=self.found.rig.robot.axes[axis - 1].name)
 
     def _condition(self) -> str:
+        """What these runs do not tell, or that nothing was found; empty where faults say it all."""
         found, texts = self.found, self.texts
-        faults, count = self._listed([*map(self._fault, found.standing)]), len(found.standing)
         left = {"um": micrometres(found.remainder.um), "share": percent(found.remainder.share)}
-        match found.condition:
-            case "named":
-                return texts("says_fault" if count == 1 else "says_faults", faults=faults, count=count)
-            case "ambiguous":
-                return texts("says_ambiguous", faults=self._listed([*map(self._alternatives, found.standing)]))
-            case "outside_library" if count:
-                return texts("says_outside_beside", faults=faults, **left)
-        return " ".join(filter(None, [texts(f"says_{found.condition}", **left), self._held()]))
+        if found.condition in ("named", "ambiguous"):
+            return ""
+        single = any(one.index is not None for one in large_parts(found))
+        which = "nothing_unusual" if found.condition == "uncalibrated" and single else found.condition
+        return " ".join(filter(None, [texts(f"says_{which}", **left), self._held()]))
+
+    def _faults(self) -> list[str]:
+        """The faults that are sure, as a part of a sentence."""
+        sure, open_ones = self._by_certainty()
+        if sure:
+            which = "says_fault" if len(sure) == 1 else "says_faults"
+            return [self.texts(which, faults=self._listed([*map(self._fault, sure)]), count=len(sure))]
+        if open_ones:
+            return [self.texts("says_ambiguous", faults=self._listed([*map(self._alternatives, open_ones)]))]
+        return []
+
+    def _open(self) -> list[str]:
+        """The faults that have rivals, where others are sure."""
+        sure, open_ones = self._by_certainty()
+        if not sure or not open_ones:
+            return []
+        return [self.texts("says_open", faults=self._listed([*map(self._alternatives, open_ones)]))]
+
+    def _by_certainty(self) -> tuple[list[Named], list[Named]]:
+        sure = [one for one in self.found.standing if one.posterior >= CERTAIN_ODDS]
+        return sure, [one for one in self.found.standing if one not in sure]
+
+    def _sure_as_well(self) -> list[str]:
+        said = [self._measured(one) for one in sure_parts(self.found)]
+        return [self.texts("says_sure", parts=self._listed(said))] if said else []
 
     def _held(self) -> str:
         """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
         held = list(dict.fromkeys(map(self.noun, self.found.rig.effects)))
         return self.texts("already_held", effects=self._listed(held)) if held else ""
 
-    def _large(self) -> str:
-        """What makes more than a third of the error and is no fault, as a sentence; empty where nothing does."""
-        parts = large_parts(self.found)
-        said = [self.texts("large_part", share=percent(one.share), part=self._measured(one)) for one in parts]
-        return f"{'; '.join(said)}." if said else ""
+    def _large(self) -> list[str]:
+        """What makes more than a third of the error and is no fault, as parts of a sentence."""
+        return [self._large_part(one) for one in large_parts(self.found)]
+
+    def _large_part(self, part: BudgetPart) -> str:
+        share = percent(min(part.share, 1.0))
+        if part.index is not None and likely_rivals(one := self.found.effects[part.index]):
+            effects = (one.effect, *(rival.effect for rival in likely_rivals(one)))
+            return self.texts("large_part", share=share, part=self.texts("or").join(map(self.noun, effects)))
+        if not part.members:
+            return self.texts("large_part", share=share, part=self._measured(part))
+        members = ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in part.members)
+        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
         beside = ", ".join(filter(None, [self.size_of(part), self.times_usual(part)])) if part.index is not None else ""
@@ -191,7 +215,9 @@ class AnswerWords:
 
     def _share(self, one: Named) -> list[str]:
         part = part_of(self.found, one)
-        return [self.texts("share_of_error", share=percent(part.share))] if part else []
+        if part is None:
+            return []
+        return [self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))]
 
 
 def part_of(found: Diagnosis, one: Named) -> BudgetPart | None:

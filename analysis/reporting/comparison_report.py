@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,11 +14,18 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
+from analysis.inference.disagreement import Disagreement
 from analysis.model.predict import SetUp
+from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.labels import LEADING, in_order, label
+from analysis.reporting.places_table import places_table
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
+from analysis.reporting.stairs import stairs_of_model, stairs_table
 from analysis.reporting.wide_tables import whole
+
+if TYPE_CHECKING:
+    from analysis.files.write import Writer
 
 
 def as_tables(found: Compared) -> RenderableType:
@@ -28,7 +35,22 @@ def as_tables(found: Compared) -> RenderableType:
         Text(f"{one.run}: {one.poses} poses, unexplained {one.rms_um:.1f} µm rms, at most {one.largest_um:.1f} µm")
         for one in found.poses
     ]
-    return Group(*(_table(one) for one in found.runs), *poses, *doubts, *_setups(found.setups))
+    tables = (_table(one) for one in found.runs)
+    return Group(*tables, *poses, *_disagreement(found.disagreement), *doubts, *_setups(found.setups))
+
+
+def _disagreement(found: Disagreement | None) -> list[RenderableType]:
+    """Where the model of all runs disagrees with them, and what is left as its effects are added."""
+    if found is None:
+        return []
+    shown: list[RenderableType] = [
+        Text("\nWhere model and readings disagree", style="bold"),
+        *places_table(found.where),
+    ]
+    stairs = stairs_of_model(found)
+    if stairs:
+        shown += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
+    return [*shown, Text()]
 
 
 def _table(one: Comparison) -> Table:
@@ -53,13 +75,21 @@ def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
     return lines
 
 
-def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:
-    """Measured over simulated and their difference, a picture for each run. Raises FileError."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+def save_pictures(found: Compared, directory: Path) -> list[Path]:
+    """Measured over simulated and their difference, a picture for each run, and one of where all of them disagree and
+    how the gap shrinks. Raises FileError."""
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    named = distinctly_named([one.result for one in comparisons])
-    pictures = zip(named, comparisons, strict=True)
-    return write_all_over(directory, {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures})
+    named = distinctly_named([one.result for one in found.runs])
+    pictures = zip(named, found.runs, strict=True)
+    files: dict[str, Writer] = {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures}
+    if found.disagreement is not None:
+        files["where.png"] = partial(_save_where, found.disagreement)
+    return write_views(directory, files)
+
+
+def _save_where(found: Disagreement, file: BinaryIO) -> None:
+    disagreement_picture(found).savefig(file, format="png", dpi=130)
 
 
 def _save(one: Comparison, file: BinaryIO) -> None:

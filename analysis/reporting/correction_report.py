@@ -17,6 +17,7 @@ from rich.text import Text
 from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
+from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import Support
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
@@ -40,6 +41,7 @@ _HEAD = """\
 # controller: changes of the controller's own parameters that hold most of the whole model; either these or the above.
 # The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
 # u: standard uncertainty.
+# programs: no real controller has run a program that rig corrected; a person tries each at reduced speed first.
 """
 
 
@@ -55,6 +57,8 @@ def as_table(found: Corrections) -> RenderableType:
         style = "green" if one.use != "none" else "yellow"
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
     parts: list[RenderableType] = [Text(_first(found), style="bold"), Text(), whole(effects)]
+    if why := why_nothing(found.rig):
+        parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(found)]
     if found.at_controller:
         parts += [Text(), controller_report.as_table(found.at_controller)]
@@ -63,6 +67,10 @@ def as_table(found: Corrections) -> RenderableType:
 
 
 def _first(found: Corrections) -> str:
+    if all(one.use == "none" for one in found.effects) and found.work.model_um < _GAIN_UM:
+        return (
+            f"Nothing of the tool's {found.work.before_um:.0f} µm over the work can be corrected; the table says why."
+        )
     if found.at_controller:
         return controller_report.first_sentence(found.at_controller) + _either(found)
     work = found.work
@@ -78,7 +86,12 @@ def _first(found: Corrections) -> str:
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
             f"taught with the robot it is {_mm(work.before_um)} mm as it is."
         )
-    return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
+    return (
+        f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
+        f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
+        f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
+        "tell more."
+    )
 
 
 def _mm(um: float) -> str:
@@ -181,6 +194,8 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
 def _contents(found: Corrections) -> dict[str, Any]:
     return {
         "rig": found.rig.name,
+        "verdict": "nothing" if (why := why_nothing(found.rig)) else "correct",
+        "verdict_why": why or None,
         "joint_zeros": [
             {"axis": one.axis, "add_deg": _short(one.delta), "u_deg": _short(one.u)} for one in found.zeros
         ],
@@ -246,6 +261,8 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
     head = _HEAD.format(name=found.rig.name, date=dt.datetime.now(dt.UTC).date())
+    if why := why_nothing(found.rig):
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
     text = head + yaml.safe_dump(_contents(found), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if found.constants:
@@ -254,9 +271,11 @@ def write(found: Corrections, directory: Path) -> list[Path]:
         files["dh.csv"] = partial(write_csv, table)
     if found.path:
         given_path, given, targets = found.path
-        files[f"corrected-{given_path.name}"] = partial(write_csv, corrected_columns(given, targets))
+        files[f"corrected-{given_path.name}"] = partial(
+            write_csv, corrected_columns(given, targets, ANYWAY if why_nothing(found.rig) else "")
+        )
     for program in found.programs:
-        for name, data in program.files.items():
+        for name, data in ({} if program.held else program.files).items():
             if name in files:
                 raise FileError(
                     name, "would be written twice", "correct programs of one name into directories of their own"

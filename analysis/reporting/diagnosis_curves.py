@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from matplotlib.projections.polar import PolarAxes
 
+from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Curve, Diagnosis, Place
 from analysis.kinematics.arm import Array
 from analysis.reporting.diagnosis_words import runs_of, whole_lap
@@ -26,14 +27,24 @@ _NEAR_DEG = 9.0
 
 @dataclass(frozen=True)
 class Strand:
-    """One part of a circle's residual: phi_deg (n,) rising, before and after (n,) µm; places: those located in it."""
+    """One part of a circle's residual: phi_deg (n,) rising, steps_um (steps, n) µm of the models of a staircase, the
+    first as it was begun with and the last calibrated; places: those located in it."""
 
     curve: Curve
     part: str
     phi_deg: Array
-    before_um: Array
-    after_um: Array
+    steps_um: Array
     places: tuple[Place, ...]
+
+    @property
+    def before_um(self) -> Array:
+        """The residual (n,) µm of the model begun with."""
+        return np.asarray(self.steps_um[0])
+
+    @property
+    def after_um(self) -> Array:
+        """The residual (n,) µm of the last model."""
+        return np.asarray(self.steps_um[-1])
 
     @property
     def title(self) -> str:
@@ -41,23 +52,25 @@ class Strand:
         return f"{runs_of(self.curve)}, {self.part}"
 
 
-def strands_of(found: Diagnosis) -> tuple[list[Strand], int]:
+def strands_of(found: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
     """A strand for each circle, of the part that disagrees more; how many circles are left out: those of least size."""
-    strands = [_strand(curve, found.where) for curve in found.curves]
+    steps = found.staircase.curves if found.staircase else [np.array([one.before_um]) for one in found.curves]
+    strands = [_strand(curve, own, found.where) for curve, own in zip(found.curves, steps, strict=True)]
     loudest = sorted(strands, key=lambda one: -_size(one.before_um, one.part))[:_MOST_ROWS]
     chosen = {id(one) for one in loudest}
     return [one for one in strands if id(one) in chosen], len(strands) - len(chosen)
 
 
-def _strand(curve: Curve, where: Sequence[Place]) -> Strand:
-    """The part with the worst located place; without one, the part that is larger for its noise."""
+def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
+    """The part with the worst located place; without one, the part that is larger for its noise. steps_um (steps, n, 2)
+    µm."""
     order = np.argsort(curve.phi_deg % 360)
-    phi, before, after = (curve.phi_deg % 360)[order], curve.before_um[order], curve.after_um[order]
+    phi, steps = (curve.phi_deg % 360)[order], steps_um[:, order]
     here = [place for place in where if (place.test, place.direction) == (curve.test, curve.direction)]
     worst = max(here, key=lambda place: place.sigma, default=None)
-    part = worst.part if worst else max(_PARTS, key=lambda name: _size(before @ _PARTS[name], name))
+    part = worst.part if worst else max(_PARTS, key=lambda name: _size(steps[0] @ _PARTS[name], name))
     own = tuple(place for place in here if place.part == part)
-    return Strand(curve, part, phi, before @ _PARTS[part], after @ _PARTS[part], own)
+    return Strand(curve, part, phi, steps @ _PARTS[part], own)
 
 
 def _size(values: Array, part: str) -> float:
@@ -86,14 +99,14 @@ def draw_circles(figure: SubFigure, strands: Sequence[Strand], *, effects: bool)
 
 def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) -> None:
     axes.plot(strand.phi_deg, strand.before_um, color=MEASURED, lw=2.2 if effects else 1.0, alpha=0.7, label="measured")
-    axes.axhline(0.0, color=GREY, lw=1.2, label="model before")
+    axes.axhline(0.0, color=GREY, lw=1.2, label="model begun with")
     if effects:
         explained = strand.before_um - strand.after_um
-        axes.plot(strand.phi_deg, explained, color=MODEL, lw=0.9, label="model after")
+        axes.plot(strand.phi_deg, explained, color=MODEL, lw=0.9, label="model with all parts")
     after = f" → {_rms(strand.after_um):.1f}" if effects else ""
     title = f"{strand.title}: residual {_rms(strand.before_um):.1f}{after} µm rms"
     axes.set_title(title, fontsize=9, loc="left", fontweight="bold")
-    axes.set_ylabel("less model before\n/ µm", fontsize=8)
+    axes.set_ylabel("less the model\nbegun with / µm", fontsize=8)
     _headroom(axes, strand.before_um)
     if named:
         _legend(axes, 3)

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from analysis.inference.result import Map
+from analysis.inference.disagreement import Disagreement
+from analysis.inference.result import Diagnosis, Map
 from analysis.kinematics.arm import Array
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED
 
 _APART_DEG = 4.0
 """Between the readings at one target and its middle, so that none hides another."""
+
+
+def drawn_maps(found: Diagnosis | Disagreement) -> list[Map]:
+    """The maps of targets with what the last model of the staircase leaves."""
+    if found.staircase is None:
+        return list(found.maps)
+    after = [steps_um[-1] for steps_um in found.staircase.maps]
+    return [replace(one, after_um=own) for one, own in zip(found.maps, after, strict=True)]
 
 
 def draw_map(figure: SubFigure, one: Map, *, effects: bool) -> None:

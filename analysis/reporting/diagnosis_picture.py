@@ -1,19 +1,21 @@
-"""The picture of a diagnosis: circles, hemispheres, how much each effect explains, what cannot be distinguished."""
+"""The picture of a diagnosis: circles, hemispheres, how the gap shrinks part by part, what cannot be distinguished."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Diagnosis
+from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
-from analysis.reporting.diagnosis_curves import GREY, MEASURED, MODEL, draw_circles, strands_of
-from analysis.reporting.diagnosis_maps import draw_map
+from analysis.reporting.diagnosis_curves import draw_circles, strands_of
+from analysis.reporting.diagnosis_maps import draw_map, drawn_maps
 from analysis.reporting.sheet import Sheet
+from analysis.reporting.stairs import Stairs, stairs_of, stairs_of_model
+from analysis.reporting.stairs_picture import draw_stairs
 
 _WIDTH = 11.0
 _MOST_MAPS = 3
@@ -26,70 +28,64 @@ _KEY = (
 )
 
 
+_Part = tuple[float, Callable[[SubFigure], None]]
+"""A part of a sheet: its height in inches, and what draws it."""
+
+
 def picture(found: Diagnosis) -> Figure:
     """Everything on one sheet, as high as it needs."""
-    effects = bool(found.standing)
+    parts, quiet = _parts(found, stairs_of(found), found.train.noise_floor_um)
+    words = _words(found, quiet)
+    parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
+    title = textwrap.wrap(AnswerWords(found).headline, _COLUMNS)
+    return _sheet([*title, found.rig.name], parts)
+
+
+def disagreement_picture(found: Disagreement) -> Figure:
+    """Where the model of a rig file and readings disagree, and how the gap shrinks with its effects."""
+    parts, quiet = _parts(found, stairs_of_model(found), found.floor_um)
+    words = [*_not_shown(quiet), *([_KEY] if found.curves else [])]
+    parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
+    return _sheet([f"Where model and readings disagree · {found.rig.name}"], parts)
+
+
+def _parts(found: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[_Part], int]:
+    """The circles, the maps and the stairs; and how many circles and maps are left out."""
+    effects = stairs is not None
     strands, quiet = strands_of(found)
-    parts: list[tuple[float, Callable[[SubFigure], None]]] = []
+    parts: list[_Part] = []
     if strands:
         height = (2.5 if effects else 2.0) * len(strands)
         parts.append((height, lambda sheet: draw_circles(sheet, strands, effects=effects)))
-    for one in found.maps[:_MOST_MAPS]:
+    maps = drawn_maps(found)
+    for one in maps[:_MOST_MAPS]:
         parts.append((3.6, lambda sheet, one=one: draw_map(sheet, one, effects=effects)))  # type: ignore[misc]
-    quiet += max(0, len(found.maps) - _MOST_MAPS)
-    bars = _bars(found)
-    if bars:
-        floor = found.train.noise_floor_um
-        parts.append((0.9 + 0.24 * max(len(bars), 2), lambda sheet: _draw_bars(sheet, bars, floor)))
-    words = _words(found, quiet)
-    parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
+    if stairs:
+        parts.append((0.9 + 0.24 * len(stairs.steps), lambda sheet: draw_stairs(sheet, stairs, floor_um)))
+    return parts, quiet + max(0, len(maps) - _MOST_MAPS)
+
+
+def _sheet(title: list[str], parts: list[_Part]) -> Figure:
     heights = [height for height, _ in parts]
-    title = textwrap.wrap(AnswerWords(found).headline, _COLUMNS)
-    figure = Sheet(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title))
-    figure.suptitle("\n".join([*title, found.rig.name]), fontsize=11)
-    for sheet, (_, draw) in zip(
-        figure.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0], parts, strict=True
-    ):
+    figure = Sheet(_WIDTH, sum(heights) + 0.2 + 0.2 * len(title))
+    figure.suptitle("\n".join(title), fontsize=11)
+    rows = figure.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for sheet, (_, draw) in zip(rows, parts, strict=True):
         draw(sheet)
     return figure
 
 
-def _bars(found: Diagnosis) -> list[tuple[str, float, str]]:
-    """Name, error in µm and ink: now, with each fault alone removed, and calibrated; those known."""
-    words = AnswerWords(found)
-    bars = [("now", found.train.before_um, MEASURED)]
-    bars += [(f"{words.noun(one.effect)} alone removed", one.alone_um, MODEL) for one in found.standing]
-    bars.append(("calibrated", found.train.calibrated_um, GREY))
-    return [bar for bar in bars if np.isfinite(bar[1])]
-
-
-def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_um: float) -> None:
-    axes: Axes = sheet.subplots()
-    place = np.arange(len(bars))[::-1]
-    axes.barh(place, [value for _, value, _ in bars], color=[ink for *_, ink in bars], height=0.62)
-    for k, (_, value, _) in zip(place, bars, strict=True):
-        axes.annotate(f"{value:.1f}", (value, k), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
-    axes.set_yticks(place, [name for name, *_ in bars], fontsize=8)
-    if np.isfinite(floor_um):
-        axes.axvline(floor_um, color=GREY, ls="--", lw=1)
-        axes.annotate(
-            f"noise floor {floor_um:.1f}", (floor_um, 1.0), xycoords=("data", "axes fraction"),
-            xytext=(3, 1), textcoords="offset points", fontsize=7.5, color=GREY,
-        )  # fmt: skip
-    axes.set_ylim(-0.6, max(len(bars), 2) - 0.4)
-    axes.set_xlim(0, 1.12 * float(np.nanmax([floor_um, *(value for _, value, _ in bars)])))
-    axes.set_xlabel("error on the runs used, rms / µm", fontsize=8)
-    axes.tick_params(axis="x", labelsize=7.5)
-    axes.spines[["top", "right"]].set_visible(False)
+def _not_shown(quiet: int) -> list[str]:
+    return [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    answer = AnswerWords(found)
-    lines = [f"{answer.accuracy} {answer.judged}", f"Next: {answer.next_step}"]
+    answer, acts = AnswerWords(found), ActWords(found)
+    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
     lines += [f"and {more} more groups"] * (more > 0)
-    lines += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
+    lines += _not_shown(quiet)
     lines += [_KEY] * bool(found.curves)
     return [line for one in lines for line in textwrap.wrap(one, _TEXT_COLUMNS)]
 

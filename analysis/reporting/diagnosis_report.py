@@ -18,7 +18,7 @@ def hold_empty(directory: Path) -> None:
     try:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
-                str(directory), "exists already and is not empty", "give another --output, or empty it first"
+                str(directory), "exists already and is not empty", "give another --output, or remove it first"
             )
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

@@ -14,19 +14,20 @@ from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
 from analysis.inference.result import Condition, Diagnosis, Gap
 from analysis.inference.state import FAULT
+from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (
     beside_size,
     closed,
     percent,
-    remedy,
     runs_of,
     shortened,
     size,
-    stretch,
     sure,
     with_uncertainty,
 )
+from analysis.reporting.places_table import places_table
+from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
@@ -40,7 +41,6 @@ _COLOUR: dict[Condition, str] = {
     "nothing_unusual": "bold green",
     "not_testable_here": "bold yellow",
 }
-_MOST_PLACES = 6
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Names of what cannot be seen here, before the rest is only counted."""
@@ -50,16 +50,17 @@ def as_screen(found: Diagnosis) -> RenderableType:
     """The two verdicts, the budget, the faults, the gap, remedies, next test, places and remarks."""
     words = AnswerWords(found)
     parts = [Text(words.headline, style=_COLOUR[found.condition])]
-    parts += [Text(f"{words.accuracy} {words.judged}"), Text(f"Next: {words.next_step}")]
+    acts = ActWords(found)
+    parts += [Text(f"{words.accuracy} {words.judged}"), *([Text(f"Next: {acts.next}")] if acts.next else [])]
     sections = (
         ("What makes the error", _budget(found)),
         ("Fitted effects" if found.given else "Faults", _faults(found)),
-        ("What to do", _remedies(found)),
+        ("What to do", _acts(found)),
+        ("How the gap shrinks", _shrinking(found)),
         ("What the model leaves", _gaps(found)),
         ("Still unexplained", _left(found)),
         ("What these tests cannot distinguish", _cannot(found)),
-        ("Which test next", _next(found)),
-        ("Where model and readings disagree", _where(found)),
+        ("Where model and readings disagree", places_table(found.where)),
         ("Remarks on the data", _doubts(found)),
     )
     shown: list[RenderableType] = [*parts]
@@ -77,15 +78,9 @@ def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
     return whole(table)
 
 
-def _where(found: Diagnosis) -> list[RenderableType]:
-    if not found.where:
-        return [Text("nowhere by more than the noise")]
-    table = _plain_table("test", "part", "where", "joint", "why", "µm", "sigma", right=("joint", "µm", "sigma"))
-    for place in sorted(found.where, key=lambda one: -one.sigma)[:_MOST_PLACES]:
-        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
-        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
-    more = len(found.where) - _MOST_PLACES
-    return [table, *([Text(f"and {more} more (all with --json)", style="dim")] if more > 0 else [])]
+def _shrinking(found: Diagnosis) -> list[RenderableType]:
+    stairs = stairs_of(found)
+    return [stairs_table(stairs)] if stairs else []
 
 
 def _budget(found: Diagnosis) -> list[RenderableType]:
@@ -103,9 +98,8 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
     if small:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
-    halves = "of what two parts have in common each has half" * any(one.share < 0 for one in large)
-    cut_off = f"× usual: so many times what a healthy arm shows; what is no single fault is unusual above {FAULT:g}"
-    return [table, Text(cut_off, style="dim"), *([Text(halves, style="dim")] if halves else [])]
+    cut_off = f"× usual: so many times what such an arm shows without a fault; unusual above {FAULT:g}"
+    return [table, Text(cut_off, style="dim")]
 
 
 def _faults(found: Diagnosis) -> list[RenderableType]:
@@ -190,16 +184,9 @@ def _cannot(found: Diagnosis) -> list[RenderableType]:
     return list(lines)
 
 
-def _remedies(found: Diagnosis) -> list[RenderableType]:
-    return [Text(f"{label_of(one.effect)}: {remedy(one)}") for one in found.standing if one.remedy]
-
-
-def _next(found: Diagnosis) -> list[RenderableType]:
-    if found.next_test is None:
-        return []
-    test = found.next_test
-    sigma = f" (expected: {test.expected_sigma:.0f} sigma)" if math.isfinite(test.expected_sigma) else ""
-    return [Text(f"{test.test}{sigma}: {test.why}")]
+def _acts(found: Diagnosis) -> list[RenderableType]:
+    """All acts by number; the first one is said above."""
+    return [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(found, texts_of("en")))]
 
 
 def _doubts(found: Diagnosis) -> list[RenderableType]:

@@ -13,6 +13,8 @@ from rigs.rig import Rig
 from rigs.schema.effect import name_of
 
 _WHOLE_LAP_DEG = 350.0
+_BY_FAR = 1 / 3
+"""Share of its standard uncertainty below which a figure says nothing beyond that uncertainty."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
@@ -85,6 +87,15 @@ def micrometres(um: float) -> str:
     if not math.isfinite(um):
         return "–"
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
+
+
+def within(um: float, u_um: float) -> str:
+    """A size in µm ± its standard uncertainty; one that is smaller than that by far as less than it."""
+    if not math.isfinite(um):
+        return "–"
+    if um < _BY_FAR * u_um:
+        return f"< {micrometres(u_um)}"
+    return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
 
 
 def runs_of(one: Place | Curve | ResidualBand) -> str:

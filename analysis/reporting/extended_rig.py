@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from analysis.files.existing import refuse_existing
 from analysis.files.write import Writer, holding, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import Effect, Found
@@ -63,8 +64,7 @@ def write_extended(
 def hold_new(output: Path) -> None:
     """Raise FileError where a rig file or its calibration exists already, before anything is computed."""
     for path in (output, calibration_path(output)):
-        if path.exists():
-            raise FileError(str(path), "exists already", "give another --output, or remove it first")
+        refuse_existing(path)
 
 
 def calibration_path(output: Path) -> Path:

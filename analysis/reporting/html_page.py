@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from analysis.files.existing import refuse_foreign
 from daq.store import durable
 from rigs.errors import FileError, UseError
 from rigs.text import plain_lines
@@ -22,9 +23,11 @@ def is_page(file: Path) -> bool:
 
 
 def hold_page(file: Path) -> None:
-    """Raises UseError unless a file can be a page: its name says so, since browsers go by the name."""
+    """Raises UseError unless a file can be a page: its name says so, since browsers go by the name. Raises FileError
+    where it is there and is no page of rig."""
     if not is_page(file):
         raise UseError(str(file), "is not the name of a page", "give --output FILE.html")
+    refuse_foreign(file)
 
 
 def environment() -> Environment:
@@ -39,7 +42,9 @@ def environment() -> Environment:
 
 
 def write_html(html: str, file: Path) -> None:
-    """Write a page, in place of a file that is there. Raises FileError where it cannot be written."""
+    """Write a page, in place of one that is there. Raises FileError where that is no page of rig, and where it cannot
+    be written."""
+    refuse_foreign(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), html.encode())

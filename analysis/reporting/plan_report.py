@@ -46,13 +46,25 @@ def as_table(plan: Plan) -> RenderableType:
     words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
     tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
-    return Group(head, Text(noise_in_words(plan.tests)), Text(words), *tables, *_advice(plan))
+    return Group(
+        head, Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)), Text(words), *tables, *_advice(plan)
+    )
 
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
     """The noise that a plan of these tests assumes."""
     um = ", ".join(f"{name} {um:.1f} µm" for name, um in assumed_um(tests).items())
     return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
+
+
+def arm_in_words(level: float) -> str:
+    """What a plan assumes of everything else that may be wrong with the arm, among which an effect has to show."""
+    if level == 1:
+        return (
+            "arm assumed: everything else is as wrong as such arms usually are; --level is for an arm whose level a "
+            "diagnosis has found, and for an emulated one, which has no errors but its hidden effects"
+        )
+    return f"arm assumed: everything else is {level:g} times as wrong as such arms usually are"
 
 
 def _small(sight: Detectability) -> bool:

@@ -32,9 +32,9 @@ _LEAST_BINS = 20
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     """Write the pictures of all runs, test by test; returns their paths. Raises FileError where nothing can be
     written."""
-    from analysis.files.write import write_all_over  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    return write_all_over(directory, {name: one for group in by_test(results) for name, one in _pictures(group)})
+    return write_views(directory, {name: one for group in by_test(results) for name, one in _pictures(group)})
 
 
 def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:

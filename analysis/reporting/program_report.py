@@ -15,6 +15,10 @@ _LISTED = 30
 """So many of what was left are on the screen; corrections.yaml has all of them."""
 _KEPT = 10_000
 """So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
+NOT_TRIED = (
+    "No real controller has run a program that rig corrected, only rig's own models of five languages: try it as "
+    "docs/correct-a-program.md says"
+)
 _SHOWN_UM = 1.0
 """Rounding below it is not mentioned: no gauge here resolves it."""
 
@@ -22,8 +26,20 @@ _SHOWN_UM = 1.0
 def lines(program: CorrectedProgram) -> list[str]:
     """Return the lines for the screen."""
     count, moved = len(program.names), program.moved_mm
-    head = f"{program.path.name} ({program.maker}): {_targets(count)} corrected"
-    found = [f"{head}, {len(program.left)} places left as they were"]
+    found = [_head(program)]
+    if program.held:
+        found.append("  not written: places were left, and --all-or-nothing writes only whole programs")
+    if steps := len(program.beside_left_mm):
+        found.append(
+            f"  half corrected: where one of two neighbours was left ({_steps(steps)}), they now stand "
+            f"{program.beside_left_mm.mean():.3f} mm (mean) off how they were taught to each other"
+            + ("" if program.held else "; --all-or-nothing does not write such a program")
+        )
+    found += [
+        f"  {_place(program, one.file, one.line)}: the program gives {one.kind} {one.name} other numbers than "
+        f"--{one.kind}; from there its own count"
+        for one in program.overruled[:_LISTED]
+    ]
     if count:
         found.append(
             f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
@@ -43,10 +59,28 @@ def lines(program: CorrectedProgram) -> list[str]:
     for reason, number in Counter(one.reason for one in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
         found.append(f"  left, {number} ×: {WHY[reason]}{limit}")
-    found += [f"    {_where(program, one)}: {one.name} {WHY[one.reason]}" for one in program.left[:_LISTED]]
+    found += [f"    {_where(program, one)}: {one.name} {_why(program, one)}" for one in program.left[:_LISTED]]
     if len(program.left) > _LISTED:
         found.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+    if count:
+        found.append(f"  {NOT_TRIED}")
     return found
+
+
+def _head(program: CorrectedProgram) -> str:
+    """How many targets were corrected, how many left, and how many steps lie between one of each."""
+    count, steps = len(program.names), len(program.beside_left_mm)
+    head = f"{program.path.name} ({program.maker}): {_targets(count)} corrected"
+    between = f", {_steps(steps)} from one to the other" if steps else ""
+    return f"{head}, {len(program.left)} places left as they were{between}"
+
+
+def _why(program: CorrectedProgram, one: Left) -> str:
+    """Why a target was left, with the places that make it so."""
+    because = "; ".join(
+        f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why for place in one.because
+    )
+    return f"{WHY[one.reason]} ({because})" if because else WHY[one.reason]
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
@@ -58,6 +92,16 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "controller": program.maker,
         "files": list(program.files),
         "corrected": len(program.names),
+        "written": not program.held,
+        "run_by_a_real_controller": False,
+        "beside_left": {
+            "steps": len(program.beside_left_mm),
+            "mean_mm": float(program.beside_left_mm.mean()) if len(program.beside_left_mm) else None,
+        },
+        "overruled": [
+            {"name": one.name, "kind": one.kind, "file": program.sources[one.file], "line": one.line}
+            for one in program.overruled[:_KEPT]
+        ],
         "moved_mm": {"largest": float(program.moved_mm.max(initial=0.0)), "rms": _rms(program.moved_mm)},
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
         "outside_driven_ranges": sum(program.outside),
@@ -76,11 +120,15 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left": [
             {
-                "file": list(program.files)[one.file],
+                "file": program.sources[one.file],
                 "line": one.line,
                 "name": one.name,
                 "reason": one.reason,
                 "why": WHY[one.reason],
+                "because": [
+                    {"file": program.sources[place.file] if place.line else None, "line": place.line, "why": place.why}
+                    for place in one.because
+                ],
             }
             for one in program.left[:_KEPT]
         ],
@@ -96,10 +144,14 @@ def _targets(count: int) -> str:
     return "1 target" if count == 1 else f"{count} targets"
 
 
+def _steps(count: int) -> str:
+    return "1 step" if count == 1 else f"{count} steps"
+
+
 def _where(program: CorrectedProgram, one: Left) -> str:
     return _place(program, one.file, one.line)
 
 
 def _place(program: CorrectedProgram, file: int, line: int) -> str:
-    name = f"{list(program.files)[file]} " if len(program.files) > 1 else ""
+    name = f"{program.sources[file]} " if len(program.files) > 1 or file >= len(program.files) else ""
     return f"{name}line {line}"

@@ -9,12 +9,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.files.existing import refuse_existing
 from analysis.inference.plan import Judgement
 from analysis.inference.proposal import SET_UP_MIN, Proposal, ProposedCircle
 from analysis.reporting.plan_report import noise_in_words
 from analysis.reporting.wide_tables import whole
 from rigs.edit import Keys, Value, with_values
-from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
 
@@ -115,9 +115,8 @@ def _circle(rig: Rig) -> dict[str, Any]:
 
 def hold_free(rig: Rig, directory: Path) -> None:
     """Raise FileError where a directory holds proposed circles of a rig already: a proposal takes minutes."""
-    there = sorted(directory.glob(f"{_stem(rig, '')}*.yaml"))
-    if there:
-        raise FileError(str(there[0]), "exists already", "give another --output, or remove it first")
+    for path in sorted(directory.glob(f"{_stem(rig, '')}*.yaml")):
+        refuse_existing(path)
 
 
 def write(found: Proposal, text: str, directory: Path) -> list[Path]:

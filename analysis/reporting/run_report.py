@@ -12,7 +12,13 @@ from rich.text import Text
 from analysis.measures.pooled import BetweenRuns, Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.run_words import lag_in_words, pairs_in_words, warmth_in_words, what_u_is
+from analysis.reporting.run_words import (
+    eccentricities_in_words,
+    lag_in_words,
+    pairs_in_words,
+    warmth_in_words,
+    what_u_is,
+)
 from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
 
@@ -55,7 +61,12 @@ def as_tables(
         each_word = "; ± of single runs with --each" if repeated and not each else ""
         parts.append(Text(what_u_is(group, repeated) + each_word, style="dim"))
         both = pairs_of(group)
-        lines = (*pairs_in_words(both), *lag_in_words(both, group), *warmth_in_words(group))
+        lines = (
+            *pairs_in_words(both),
+            *lag_in_words(both, group),
+            *eccentricities_in_words(group),
+            *warmth_in_words(group),
+        )
         parts += [Text(line, style="dim") for line in lines]
         doubts += [(result, why) for one in together for result, why in one.left_out]
     if truths:

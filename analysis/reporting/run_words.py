@@ -7,10 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import ONE_RUN, Pairs, Pooled
+from analysis.measures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
 from analysis.reporting.labels import in_order, whole_label
+
+_LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
+_BEYOND = 4.0
+"""Standard uncertainties beyond which two eccentricities are not of one ball by chance. Chosen: odds of 10 000 to 1."""
 
 
 def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
@@ -24,11 +28,43 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
     return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
 
 
+def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
+    """A figure as people read it. Where the largest hysteresis is smaller than u it is noise, and no more than u is
+    known of it."""
+    one = figure.mean if isinstance(figure, BetweenRuns) else figure
+    if name in _LARGEST_OF_NOISE and one.value < one.u < np.inf:
+        return f"≤ {one.rounded_u} {one.sign}"
+    return str(figure)
+
+
+def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
+    """Why the eccentricities by angle and by distance differ, in a line, where they do by more than noise explains."""
+    apart = []
+    for result in group:
+        angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
+        if angle is None or distance is None:
+            continue
+        u = float(np.hypot(angle.u, distance.u))
+        away = abs(angle.value - distance.value)
+        if np.isfinite(u) and away > _BEYOND * u:
+            apart.append((away, away / u))
+    if not apart:
+        return []
+    away, times = max(apart)
+    return [
+        f"the eccentricities by angle and by distance differ by up to {away:.3f} mm, {times:.0f} u: u holds the noise "
+        "of the readings, and not the arm's own error once a lap, which turns the tool and shifts its circle by "
+        "different amounts; the ball's own place is known to about that difference"
+    ]
+
+
 def pairs_in_words(both: Pairs | None) -> list[str]:
     """acw against cw in a line, if there is such a pair."""
     if both is None or both.lag is None:
         return []
-    figures = "; ".join(f"{whole_label(name)} {both.figures[name]}" for name in in_order(both.figures))
+    figures = "; ".join(
+        f"{whole_label(name)} {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)
+    )
     count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
     return [f"acw against cw{count}: {figures}"]
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,11 @@ from analysis.session.processes import Child
 from analysis.session.state import Answer, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
+from rigs.calibration import ground_of
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.inference.result import Diagnosis
 
 ANSWER = "answer.json"
 _SHOWN = 6
@@ -31,6 +36,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     """Diagnose runs beside the model of a rig file, judged by runs at a place that is not used, and write what was
     found into a directory. Raises RigError."""
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
+    from analysis.reporting.act_words import ActWords  # noqa: PLC0415
     from analysis.reporting.answer_words import AnswerWords, part_of  # noqa: PLC0415
     from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -39,7 +45,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
     found = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
     written = write(found, text, directory)
-    words = AnswerWords(found)
+    words, acts = AnswerWords(found), ActWords(found)
     faults = [part_of(found, one) for one in found.standing]
     parts = [
         PartOfError(
@@ -60,18 +66,30 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         standing=found.accuracy.standing,
         headline=words.headline,
         accuracy=f"{words.accuracy} {words.judged}",
-        next_step=words.next_step,
+        next_step=acts.next,
         parts=tuple(parts),
-        remedies=tuple(f"{words.noun(one.effect)}: {one.remedy}" for one in found.standing),
-        next_test=found.next_test.test if found.next_test else "",
+        remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
+        next_test=_next_test(found),
+        ground=ground_of(found.calibrated) if found.calibrated else "",
         runs_to_decide=found.runs_to_decide,
         now_um=found.accuracy.now_um,
         calibrated_um=found.accuracy.calibrated_um,
+        before_there_um=found.accuracy.before_there_um,
+        level=found.level,
         noise_um=found.train.noise_floor_um,
         seconds=round(found.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
     )
+
+
+def _next_test(found: Diagnosis) -> str:
+    """The test that would tell rivals apart, or name a group, as `rig plan` calls it; empty where none is to be
+    driven."""
+    from analysis.inference.naming_tests import JOINED  # noqa: PLC0415 - slow to import
+
+    driven = (act.test.test for act in found.acts if act.test and act.test.test != JOINED)
+    return next(driven, found.next_test.test if found.next_test else "")
 
 
 def main() -> None:

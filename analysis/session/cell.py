@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,6 +20,7 @@ from analysis.session.state import Emulated, Stage, Step
 from analysis.session.watch import Watch, Way
 from daq import clock
 from daq.service.client import Client, find_socket
+from daq.store.manifest import DrivenWith
 from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import Maker
 
@@ -41,6 +42,8 @@ _MOVES_S = 0.5
 _AGAIN_S = 1.0
 _WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
 """How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
+_HOST = "host"
+"""The stream of what happened to the computer itself."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 Say = Callable[[str], None]
@@ -80,11 +83,13 @@ class Hands(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty."""
+    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty;
+    held_up: how often the computer stood still meanwhile."""
 
     name: str
     program: str
     why: str
+    held_up: int = 0
 
 
 class Driver(Protocol):
@@ -121,6 +126,7 @@ class Rigd:
     def __init__(self, rig_name: str, child: Child) -> None:
         self._name, self._child = rig_name, child
         self._client: Client | None = None
+        self._after: dict[str, int] = {}
 
     def _come_up(self) -> None:
         until_s = clock.now_s() + _READY_S
@@ -163,10 +169,12 @@ class Rigd:
         ]
 
     def joints(self) -> tuple[float, list[float]] | None:
-        """Return the newest joint angles in degrees with their time in s, None where there are none."""
-        robot = self.ask("samples", after={})["streams"].get("robot")
+        """Return the newest joint angles in degrees with their time in s, None where none have come since the last
+        time."""
+        robot = self.ask("samples", after=self._after)["streams"].get("robot")
         if not robot or not robot["rows"]:
             return None
+        self._after = {"robot": robot["newest"]}
         row, columns = robot["rows"][-1], robot["columns"]
         angles = [row[1 + columns.index(name)] for name in _JOINTS]
         return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
@@ -212,6 +220,8 @@ class LiveDriver:
         """wait_min: how many minutes a robot has to begin."""
         self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
         self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
+        self.entered = False
+        """Whether the controller has the values of a correction, which correct whatever is driven."""
         self._rigd: Rigd | None = None
         self._programs: Mapping[str, Program] = {}
         self._ways: dict[str, Way] = {}
@@ -233,7 +243,9 @@ class LiveDriver:
         """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
         assert self._rigd is not None  # noqa: S101 - a stage was set up
         watch = Watch(self._ways, step.program, self._ended)
-        drive = _Drive(self._rigd, self._hands, self._screen, self._programs, watch, step, wait)
+        by: DrivenWith = "entries" if self.entered else ""
+        programs = {name: replace(one, corrected=one.corrected or by) for name, one in self._programs.items()}
+        drive = _Drive(self._rigd, self._hands, self._screen, programs, watch, step, wait)
         self._ended = ""
         run = drive.run(self._operator, self._wait_s, self._directory / "runs")
         self._ended = drive.ended
@@ -241,7 +253,8 @@ class LiveDriver:
 
     def enter(self, file: Path) -> bool:
         """Have values entered at the controller."""
-        return self._hands.enter(file)
+        self.entered = self._hands.enter(file)
+        return self.entered
 
     def close(self) -> None:
         """Stop rigd, and leave the cell."""
@@ -337,6 +350,7 @@ class _Drive:
                 direction=one.direction,
                 operator=operator,
                 placement=one.stage,
+                corrected=one.corrected,
             )
         except RigError as error:
             self._tell(f"nothing is recorded: {error}")
@@ -352,9 +366,10 @@ class _Drive:
         self._recording = ""
         name = Path(ended["run"]).name
         why = why or why_unusable(runs / name)
+        held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
         if why and (faults := _faults(ended["counters"])):
             why = f"{why} ({faults})"
-        return Run(name, program, why)
+        return Run(name, program, why, held_up)
 
     def _tell(self, line: str) -> None:
         """Say something once."""

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.plays import ahead_of_plays, known_plays
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, used_effects
 from analysis.geometry.circle import frame_of
@@ -29,7 +31,7 @@ from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import Correction, Session, Stage, Step, Way
+from analysis.session.state import Correction, Expected, Session, Stage, Step, Way, Work
 from analysis.traces.loading import Measured, load_measured
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -45,6 +47,8 @@ _ARC_DEG = 5.0
 wave of eight a lap keeps 6 % of what it does to the angle; 55 % at 15° (measured: 14 µm instead of 5)."""
 _NEARLY = 0.8
 """Share of what corrected targets take away from which entries are preferred. Chosen."""
+_POSES = 60
+"""Postures of a run at which the uncertainty of the model is taken: every 6 degrees of a lap."""
 _ENTER = "choose --correct entries"
 _LEAST_UM, _LEAST_SHARE = 2.0, 0.05
 """What a correction must take away of the error of the readings at least, in µm and as a share of it. Chosen: less is
@@ -73,15 +77,15 @@ def corrected(
     rig: Rig,
     session: Session,
     model_file: Path,
-    runs: Sequence[Path],
+    runs: tuple[Sequence[Path], Sequence[Path]],
     steps: Sequence[Step],
     directory: Path,
     wanted: Way | None = None,
 ) -> Corrected:
     """Return the correction by a model that a session found, with its files in a directory, in place of an older one's.
 
-    runs: on the circle of the rig, by which it is judged; steps: those that are driven after it; wanted: the way that a
-    person chose. Raises FileError and CellError.
+    runs: on the circle of the rig, by which it is judged, and at the other place; steps: those that are driven after
+    it; wanted: the way that a person chose. Raises FileError and CellError.
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
@@ -89,30 +93,50 @@ def corrected(
     correction_report.write(found, directory)
     entries = found.at_controller
     assert entries is not None  # noqa: S101 - a maker was given
-    measured = [load_measured(path) for path in runs]
+    here, there = ([load_measured(path) for path in paths] for paths in runs)
     targets = (*used_effects(model, found.effects), *known_plays(model))
-    now_um, by_entries_um, at_targets_um = (_left_um(measured, rig, held) for held in ((), entries.effects, targets))
+    now_um, by_entries_um, at_targets_um = (_left_um(here, rig, held) for held in ((), entries.effects, targets))
     try:
         main = _of_test(rig, model, session.stages[0], "yaw")
-        by_targets_um = float(np.hypot(at_targets_um, _between_targets_um(rig, model, session.stages[0], main)))
+        between_um = _between_targets_um(rig, model, session.stages[0], main)
     except FileError:
         if wanted == "programs":
             raise
-        by_targets_um = float("inf")
-    left = Left(now_um, by_entries_um, by_targets_um)
+        between_um = float("inf")
+    left = Left(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
     way = wanted or way_of(left, entries)
+    work = found.work
     if way == "none":
         sentence = (
             f"No numbers take away much of the error of {left.now_um:.0f} µm rms: its cause is repaired at the arm."
         )
-        return Corrected(_correction(way, sentence, left, left.now_um), {})
+        return Corrected(_correction(way, sentence, left.now_um), {})
+    known = pose_uncertainty(model, found.effects)
+    by = entries.effects if way == "entries" else targets
+    beside_um = 0.0 if way == "entries" else between_um
+    after_um = entries.after_um if way == "entries" else work.after_um
+    expected = {
+        "same": _expected(model, known, here, float(np.hypot(_left_um(here, rig, by), beside_um))),
+        "elsewhere": _expected(model, known, there, float(np.hypot(_left_um(there, there[0].rig, by), beside_um)))
+        if there
+        else None,
+        "work": Work(before_um=round(work.before_um, 1), after_um=round(after_um, 1), u_um=round(work.u_um, 1)),
+    }
     if way == "entries":
         falls = _falls(left, left.by_entries_um)
         sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
-        return Corrected(_correction(way, sentence, left, left.by_entries_um), {})
+        return Corrected(_correction(way, sentence, left.now_um, left.by_entries_um, **expected), {})
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs: the readings' error is {_falls(left, left.by_targets_um)}."
-    return Corrected(_correction(way, sentence, left, left.by_targets_um), programs)
+    return Corrected(_correction(way, sentence, left.now_um, left.by_targets_um, **expected), programs)
+
+
+def _expected(model: Rig, known: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
+    """Return what a correction leaves on runs, with the uncertainty of the model in a reading there, a coordinate of
+    the tool's place with the frame taught on the circle."""
+    q = np.concatenate([one.table.q[:: -(-len(one.table.q) // _POSES)] for one in runs])
+    u_mm = frame_u_mm(model, known, q, q) / np.sqrt(3)
+    return Expected(um=round(left_um, 1), u_um=round(1e3 * float(np.sqrt(np.mean(u_mm**2))), 1))
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
@@ -126,13 +150,14 @@ def _falls(left: Left, after_um: float) -> str:
     return f"expected to fall from {left.now_um:.0f} to {after_um:.0f} µm rms"
 
 
-def _correction(way: Way, sentence: str, left: Left, expected_um: float) -> Correction:
+def _correction(way: Way, sentence: str, before_um: float, expected_um: float | None = None, **more: Any) -> Correction:
     return Correction(
         way=way,
         sentence=sentence,
-        before_um=round(left.now_um, 1),
-        expected_um=round(expected_um, 1),
+        before_um=round(before_um, 1),
+        expected_um=round(before_um if expected_um is None else expected_um, 1),
         directory=CORRECTIONS,
+        **more,
     )
 
 
@@ -186,7 +211,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Progr
     angles = angles + ahead
     poses = forward(arm_of(moved.robot), angles)
     plans = compensated([one.plan for one in programs], angles, poses, range(1, len(q) + 1), where)
-    return [replace(one, plan=plan) for one, plan in zip(programs, plans, strict=True)]
+    return [replace(one, plan=plan, corrected="targets") for one, plan in zip(programs, plans, strict=True)]
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -12,6 +11,19 @@ from analysis.measures.usable import why_unusable
 from analysis.session.answer import Driven, Inference, path_error
 from analysis.session.cell import Driver, Screen
 from analysis.session.correct import CORRECTIONS, corrected, corrected_programs, entries_file, reading_deg
+from analysis.session.next_step import (
+    Correct,
+    Decide,
+    Done,
+    Drive,
+    Enter,
+    Infer,
+    Report,
+    first_open,
+    is_answered,
+    next_of,
+    why_nothing,
+)
 from analysis.session.plan import (
     ELSEWHERE,
     FIXED,
@@ -32,10 +44,6 @@ from daq.store.manifest import is_run
 from rigs.errors import CellError, RigError
 from rigs.load import load
 
-_UNEXPLAINED = 0.1
-"""Share of the error without an explanation up to which named faults answer the question. Chosen."""
-_SETTLED = ("named", "nothing_unusual", "uncalibrated")
-"""Conditions that more runs of the same would not change."""
 _MOST_MORE = 4
 """So many stages are added at most to separate rivals or to decide: then a person has to think."""
 
@@ -52,92 +60,6 @@ class Infers(Protocol):
 
 
 StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The step of this number is driven."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class Infer:
-    """What there is, is understood."""
-
-
-@dataclass(frozen=True)
-class Decide:
-    """The answer decides whether more is measured."""
-
-
-@dataclass(frozen=True)
-class Correct:
-    """The correction is made."""
-
-
-@dataclass(frozen=True)
-class Enter:
-    """The values are entered."""
-
-
-@dataclass(frozen=True)
-class Report:
-    """What was driven afterwards is set beside what was before, and the page is written."""
-
-
-@dataclass(frozen=True)
-class Done:
-    """Nothing is left."""
-
-
-Action = Drive | Infer | Decide | Correct | Enter | Report | Done
-
-
-def next_of(session: Session) -> Action:
-    """Return what comes next in a session."""
-    following = _finding(session) or (_correcting(session) if session.aim != "check" else None)
-    return following or (Done() if session.report else Report())
-
-
-def _finding(session: Session) -> Action | None:
-    """What comes next until the errors are found and the place that judges was driven, None after that."""
-    if (number := _open(session, "find")) is not None:
-        return Drive(number)
-    if not session.answered:
-        is_known = session.answer is not None and session.answer.runs == len(session.runs_for("find"))
-        return Decide() if is_known else Infer()
-    number = _open(session, "judge")
-    return None if number is None else Drive(number)
-
-
-def _correcting(session: Session) -> Action | None:
-    """What comes next from the last inference to the last run after the correction, None after that."""
-    answer, correction = session.answer, session.correction
-    if correction is None:
-        counts = len(session.runs_for("find")), len(session.runs_for("judge"))
-        return Correct() if answer and (answer.runs, answer.judges) == counts else Infer()
-    if correction.way == "entries" and not correction.entered:
-        return Enter()
-    number = _open(session, "verify")
-    return None if number is None else Drive(number)
-
-
-def _open(session: Session, purpose: Purpose) -> int | None:
-    """Return the number of the first open step with a purpose."""
-    return next((k for k, step in enumerate(session.steps) if step.purpose == purpose and step.is_open), None)
-
-
-def is_answered(session: Session, answer: Answer) -> bool:
-    """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
-    circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
-    repeated = bool(circles) and all(circles.count(one) >= _REPEATS for one in (("yaw", "acw"), ("yaw", "cw")))
-    unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
-    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
-
-
-_REPEATS = 2
-"""Runs of a circle in each direction, at least, before its scatter is measured."""
 
 
 class Guide:
@@ -160,6 +82,8 @@ class Guide:
         self._rig, self._text = load(session.rig_file)
         self._words = Words(place.directory, screen)
         self._inference: Infers | None = None
+        self._ahead: Infers | None = None
+        """The last diagnosis, begun beside the one that the other place judges."""
         self._stage, self._driving = "", -1
         self._known: dict[str, dict[str, Program]] = {}
         """The programs of each stage, until the steps change."""
@@ -175,8 +99,8 @@ class Guide:
             match next_of(self.session):
                 case Drive(number):
                     self._drive(number)
-                case Infer():
-                    self._await_inference()
+                case Infer() as asked:
+                    self._await_inference(asked)
                 case Decide():
                     self._decide()
                 case Correct():
@@ -297,7 +221,7 @@ class Guide:
         if of is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        self._keep_try(of, Try(run=run.name, why=run.why))
+        self._keep_try(of, Try(run=run.name, why=run.why, held_up=run.held_up))
         if run.why:
             self._hold_tries(of)
         else:
@@ -311,8 +235,13 @@ class Guide:
         """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
-            what = f"was driven {MOST_TRIES} times in vain, the last time: {step.tries[-1].why}"
-            raise CellError(step.program, what, "look at the cell (rig doctor); the same command goes on here")
+            vain = f"after {MOST_TRIES} failed attempts at {step.program}"
+            if any(one.held_up for one in step.tries[-MOST_TRIES:]) or self.session.emulated:
+                what = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
+                remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
+                raise CellError("this computer", what, remedy)
+            remedy = "look at the cell (rig doctor); the same command goes on here"
+            raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
 
     # ------------------------------------------------------------------------------------------------------------------
     # Understanding.
@@ -322,20 +251,32 @@ class Guide:
         found = self.session.runs_for("find")
         known = self.session.answer.runs if self.session.answer else 0
         ways = {step.direction for step in found}
-        judged = _open(self.session, "judge") is None and _open(self.session, "find") is None
+        judged = first_open(self.session, "judge") is None and first_open(self.session, "find") is None
         is_new = len(ways) > 1 and (len(found) > known or judged)
         if is_new and self._inference is None and self.session.correction is None:
-            self._begin_inference()
+            self._inference = self._begun(Infer())
 
-    def _begin_inference(self) -> None:
+    def _begun(self, asked: Infer) -> Infers:
+        """Begin to understand what there is; where the other place judges, with its runs among those used as well."""
+        ahead, self._ahead = self._ahead, None
+        if asked.joins and ahead is not None:
+            return ahead
+        find, judge = ([self._run(step) for step in self.session.runs_for(one)] for one in ("find", "judge"))
+        if asked.joins:
+            return self._started([*find, *judge], [])
+        begun = self._started(find, judge)
+        if judge and first_open(self.session, "judge") is None:  # both at once, since a computer has two cores
+            self._ahead = self._started([*find, *judge], [])
+        return begun
+
+    def _started(self, used: Sequence[Path], judges: Sequence[Path]) -> Infers:
         found = self._place.directory / "found"
         number = 1 + max((int(path.name) for path in found.glob("[0-9]*") if path.name.isdigit()), default=0)
         while (found / f"{number:02d}.json").exists():
             number += 1
-        used, judges = ([self._run(step) for step in self.session.runs_for(one)] for one in ("find", "judge"))
         first = self.session.stages[0].name
         model = self._place.directory / "cells" / f"{first}.yaml"
-        self._inference = self._start_inference(used, judges, model, found / f"{number:02d}")
+        return self._start_inference(used, judges, model, found / f"{number:02d}")
 
     def _run(self, step: Step) -> Path:
         assert step.run is not None  # noqa: S101 - of a step that was driven
@@ -349,10 +290,10 @@ class Guide:
             except RigError as error:  # more runs follow, and with them another one
                 self._screen.say(f"  not understood yet: {error.what}")
 
-    def _await_inference(self) -> None:
+    def _await_inference(self, asked: Infer) -> None:
         """Wait for an answer about all runs."""
         if self._inference is None:
-            self._begin_inference()
+            self._inference = self._begun(asked)
         began_s = clock.now_s()
         while self._inference is not None and not self._inference.is_done:
             self._screen.show(
@@ -365,7 +306,10 @@ class Guide:
         assert self._inference is not None  # noqa: S101 - one has come
         inference, self._inference = self._inference, None
         answer, before = inference.result(), self.session.answer
-        self._keep(answer=answer)
+        judges = len(self.session.runs_for("judge"))
+        if judges and answer.runs > len(self.session.runs_for("find")):
+            answer = answer.model_copy(update={"joined": judges})
+        self._keep(answer=answer, judged=answer if answer.judges else self.session.judged)
         self._words.answer(answer, before)
         if self.session.aim == "faults" and not self.session.answered and is_answered(self.session, answer):
             self._stop_early()
@@ -391,7 +335,7 @@ class Guide:
         assert answer is not None  # noqa: S101 - it decides
         more = self._more(answer) if self.session.aim != "check" else None
         if more is None:
-            self._keep(answered=answer.condition)
+            self._keep(answered=answer.condition, decided=answer.runs if self.session.is_last(answer) else 0)
             return
         stage, steps = more
         known = [one.name for one in self.session.stages]
@@ -409,16 +353,20 @@ class Guide:
         if len(self.session.stages) >= 2 + _MOST_MORE:
             return None
         found: tuple[Stage, tuple[Step, ...]] | None = None
-        if answer.condition == "ambiguous" and answer.next_test:
+        if answer.next_test and (answer.condition == "ambiguous" or self.session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in self.session.runs_for("find")))
             found = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
         elif answer.condition == "undecided":
             found = self._repeats(answer)
-        if found is None:
+        if found is None or self._is_driven_anyway(found[0]):
             return None
         rest = [step for step in self.session.steps if step.is_open]
         need = minutes_of((found[0],), (*found[1], *rest), self._pace)
         return found if self.session.driven_minutes + need <= self.session.minutes else None
+
+    def _is_driven_anyway(self, stage: Stage) -> bool:
+        """Whether a test is at the place that judges, whose runs join the last diagnosis."""
+        return stage.circle is not None and stage.circle in [one.circle for one in self.session.stages]
 
     def _repeats(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return the same once more in each direction, where that may decide."""
@@ -446,7 +394,8 @@ class Guide:
         """Make the correction and its files; return the programs that it changes."""
         directory = self._place.directory / CORRECTIONS
         main = self.session.stages[0].name
-        runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        here = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+        runs = here, [self._run(step) for step in self.session.runs_for("judge")]
         made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
         self._known = {}
         self._made = made.correction
@@ -472,6 +421,8 @@ class Guide:
         assert answer is not None  # noqa: S101 - it is corrected by it
         if not answer.model:
             self._keep(correction=self._nothing(f"Nothing can be corrected: {answer.next_step}"))
+        elif (why := why_nothing(self.session)) and self._wanted in (None, "none"):
+            self._keep(correction=self._nothing(why))
         else:
             programs = self._make_correction(self._wanted)
             self._corrected = programs

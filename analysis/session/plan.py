@@ -25,6 +25,7 @@ from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
 from analysis.session.state import Aim, Purpose, Stage, Step
+from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker, TestName
@@ -65,7 +66,8 @@ BY_ITSELF = Pace(0.05, 1.5, 0.8)
 
 @dataclass(frozen=True)
 class Program:
-    """A program of a session: its name, its stage, what it drives, and how long it takes."""
+    """A program of a session: its name, its stage, what it drives, and how long it takes; corrected: what corrects the
+    arm while it drives."""
 
     name: str
     stage: str
@@ -73,6 +75,7 @@ class Program:
     direction: Direction | None
     plan: Plan
     seconds: float
+    corrected: DrivenWith = ""
 
 
 def stage_rig(rig: Rig, stage: Stage) -> Rig:

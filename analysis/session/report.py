@@ -5,37 +5,68 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from analysis.api import evaluate_runs
-from analysis.reporting.page.before_after import BeforeAfter, Side
+from analysis.api import Diagnosis, diagnose, evaluate_runs
+from analysis.reporting.page.before_after import BeforeAfter, Expectation, Row, Side
 from analysis.reporting.page.report import gather
 from analysis.reporting.page.write_page import write_page
-from analysis.session.state import PathError, Place, Session
-from analysis.traces.loading import load_measured
+from analysis.session.state import Expected, PathError, Place, Session, own_programs
+from analysis.traces.loading import Measured, load_measured
+from rigs.errors import RigError
 from rigs.rig import Rig
 
 PAGE = "report.html"
 
 
 def write_report(session: Session, rig: Rig, place: Place) -> Path:
-    """Write the page of a session, in place of an older one. Raises FileError and CellError."""
-    used = [place.run(step.run) for step in session.runs_for("find") if step.run]
-    measured = [load_measured(path) for path in used]
+    """Write the page of a session, in place of an older one: figures of the runs that find errors, and the diagnosis of
+    all runs before the correction. Raises FileError and CellError."""
+    find, judge = (
+        [load_measured(place.run(step.run)) for step in session.runs_for(purpose) if step.run]
+        for purpose in ("find", "judge")
+    )
+    model = find[0].rig.modelled_as(rig)
+    joined = judge if session.answer and session.answer.joined else []
     report = gather(
-        evaluate_runs(measured), measured[0].rig.modelled_as(rig), after=_before_after(session), progress=_silent
+        evaluate_runs(find),
+        model,
+        found=_diagnosed([*find, *joined], model) if joined else None,
+        after=_before_after(session, place),
+        progress=_silent,
     )
     return write_page(report, place.directory / PAGE)
 
 
-def _before_after(session: Session) -> BeforeAfter | None:
-    verified, correction = session.verified, session.correction
+def _diagnosed(runs: list[Measured], model: Rig) -> Diagnosis | None:
+    """The diagnosis of all runs; None where there is none, and the page says why for those that find errors."""
+    try:
+        return diagnose(runs, rig=model)
+    except RigError:
+        return None
+
+
+def _before_after(session: Session, place: Place) -> BeforeAfter | None:
+    verified, correction, judged = session.verified, session.correction, session.judged
     if verified is None or correction is None:
         return None
-    sides: tuple[tuple[Literal["same", "elsewhere"], PathError | None, PathError | None], ...] = (
-        ("same", verified.same_before, verified.same_after),
-        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after),
+    sides: tuple[tuple[Literal["same", "elsewhere"], PathError | None, PathError | None, Expected | None], ...] = (
+        ("same", verified.same_before, verified.same_after, correction.same),
+        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction.elsewhere),
     )
-    rows = [(key, _side(before), _side(after) if after else None) for key, before, after in sides if before]
-    return BeforeAfter(correction.sentence, tuple(rows))
+    rows = [
+        Row(key, _side(before), _side(after) if after else None, Expectation(by.um, by.u_um) if by else None)
+        for key, before, after, by in sides
+        if before
+    ]
+    work = correction.work
+    return BeforeAfter(
+        correction.sentence,
+        correction.way,
+        tuple(rows),
+        work=(work.before_um, work.after_um, work.u_um) if work else None,
+        judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
+        joined=session.answer.joined if session.answer else 0,
+        own_programs=own_programs(session, place.directory),
+    )
 
 
 def _side(error: PathError) -> Side:

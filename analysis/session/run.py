@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 
 from analysis.session.answer import Inference
 from analysis.session.cell import EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
 from analysis.session.correct import CORRECTIONS, entries_file
 from analysis.session.guide import Guide, StartInference
-from analysis.session.plan import BY_HAND, BY_ITSELF, planned
+from analysis.session.plan import BY_HAND, BY_ITSELF, Pace, planned
 from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
+from daq import clock
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
@@ -20,7 +23,7 @@ from rigs.schema.vocabulary import Maker
 @dataclass(frozen=True)
 class Asked:
     """What a person asks for. wait_min: minutes that a robot has to begin; correct: the way that was chosen; entered:
-    whether the values of the correction are entered."""
+    whether the values of the correction are entered; fast: whether an emulated cell is driven in simulated time."""
 
     rig_file: str
     aim: Aim
@@ -31,6 +34,12 @@ class Asked:
     wait_min: float
     correct: Way | None = None
     entered: bool = False
+    fast: bool = False
+
+    @property
+    def pace(self) -> Pace:
+        """What the session takes beside the motion; in simulated time as much as with a person."""
+        return BY_ITSELF if self.emulated and not self.fast else BY_HAND
 
 
 @dataclass(frozen=True)
@@ -63,17 +72,39 @@ def run_session(
         if kept is not None:
             _say_kept(kept, screen)
         place.write(session)
-        means = means or Means()
-        own = means.hands or _hands(session, place, screen)
-        driver = LiveDriver(rig.name, place.directory, own, screen, asked.operator, asked.wait_min, means.start_rigd)
-        pace = BY_ITSELF if session.emulated else BY_HAND
-        try:
-            guide = Guide(
-                place, session, driver, screen, pace, wanted=asked.correct, start_inference=means.start_inference
+        with _means(session, place, asked) if means is None else nullcontext(means) as own:
+            hands = own.hands or _hands(session, place, screen)
+            driver = LiveDriver(
+                rig.name, place.directory, hands, screen, asked.operator, asked.wait_min, own.start_rigd
             )
-            return guide.run()
-        finally:
-            driver.close()
+            driver.entered = bool(_entered_files(session, place))
+            try:
+                guide = Guide(
+                    place, session, driver, screen, asked.pace, wanted=asked.correct,
+                    start_inference=own.start_inference,
+                )  # fmt: skip
+                return guide.run()
+            finally:
+                driver.close()
+
+
+@contextmanager
+def _means(session: Session, place: Place, asked: Asked) -> Iterator[Means]:
+    """Give what a session works with, in simulated time where it is asked for."""
+    if not (asked.fast and session.emulated):
+        yield Means()
+        return
+    from analysis.session.simulated import (  # noqa: PLC0415 - imports the daemon
+        SimulatedCells,
+        SimulatedInference,
+        simulated_time,
+    )
+
+    with simulated_time(session.emulated.seed) as simulated:
+        cells = SimulatedCells(simulated, place.directory)
+        files = _entered_files(session, place)
+        hands = EmulatedHands(place.directory, session.maker, session.emulated, files, cells.start_cell)
+        yield Means(hands, cells.start_rigd, SimulatedInference.start)
 
 
 def _say_kept(session: Session, screen: Screen) -> None:
@@ -94,8 +125,7 @@ def _entered(session: Session) -> Session:
 
 def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
     screen.show("planning")
-    pace = BY_ITSELF if asked.emulated else BY_HAND
-    stages, steps = planned(rig, asked.aim, asked.minutes, pace, screen.show)
+    stages, steps = planned(rig, asked.aim, asked.minutes, asked.pace, screen.show)
     return Session(
         rig=rig.name,
         rig_file=asked.rig_file,
@@ -103,7 +133,7 @@ def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
         aim=asked.aim,
         maker=asked.maker,
         minutes=asked.minutes,
-        began=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+        began=clock.wall_time().isoformat(timespec="seconds"),
         emulated=asked.emulated,
         stages=stages,
         steps=steps,
@@ -123,9 +153,13 @@ def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
 def _hands(session: Session, place: Place, screen: Screen) -> Hands:
     if session.emulated is None:
         return Person(screen, _confirmed)
+    return EmulatedHands(place.directory, session.maker, session.emulated, _entered_files(session, place))
+
+
+def _entered_files(session: Session, place: Place) -> list[Path]:
+    """The files whose values the controller has."""
     correction = session.correction
-    entered = [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
-    return EmulatedHands(place.directory, session.maker, session.emulated, entered)
+    return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
 
 
 def _confirmed(what: str) -> bool:

@@ -6,21 +6,23 @@ session that was interrupted, however, goes on with the same command.
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
-from rigs.problems import RigFileError, problems_of
+from rigs.problems import Problem, RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
+from rigs.text import as_argument
 from rigs.yaml_text import read_yaml
 
 STATE = "session.yaml"
@@ -28,6 +30,8 @@ _HEAD = """\
 # A session of rig: what is driven, what was found, and how far it is. `rig session {rig}` goes on with it.
 """
 _MOST_BYTES = 1_000_000
+_MOST_MINUTES = 10_000.0
+"""A week: rig session takes a day at most."""
 MOST_TRIES = 3
 """So often a step is driven again by itself before a person is asked to look at the cell."""
 
@@ -37,6 +41,15 @@ Purpose = Literal["find", "judge", "verify"]
 """What a run is for: to find errors; to judge at a place that is not used for that; or to see what a correction did."""
 Way = Literal["entries", "programs", "none"]
 """How the robot is corrected: values entered at the controller, programs with corrected targets, or not at all."""
+
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0)]
+
+
+def _a_time(text: str) -> str:
+    dt.datetime.fromisoformat(text)  # which raises ValueError
+    return text
 
 
 class Stage(Part):
@@ -49,10 +62,12 @@ class Stage(Part):
 
 
 class Try(Part):
-    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable."""
+    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable; held_up: how often the
+    computer stood still meanwhile."""
 
-    run: str
+    run: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,200}$")]
     why: str = ""
+    held_up: Count = 0
 
 
 class Step(Part):
@@ -99,20 +114,22 @@ class PathError(Part):
     """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
     square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
 
-    um: float
-    largest_um: float
-    u_um: float
-    runs: int
+    um: NotNegative
+    largest_um: NotNegative
+    u_um: NotNegative
+    runs: Count
 
 
 class Answer(Part):
-    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; condition and
-    standing as of `rig diagnose`; headline, accuracy, next_step: its sentences; next_test: the test that would separate
-    rivals; runs_to_decide: how many runs of each kind would decide; found: directory of its files; noise_um: scatter of
-    one run, root mean square."""
+    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
+    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
+    accuracy, next_step: its sentences; next_test: the test that would separate rivals or name a group; runs_to_decide:
+    how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
+    square."""
 
-    runs: int
-    judges: int = 0
+    runs: Count
+    judges: Count = 0
+    joined: Count = 0
     condition: str
     standing: str | None
     headline: str
@@ -122,25 +139,51 @@ class Answer(Part):
     remedies: tuple[str, ...] = ()
     """What a person does about each fault."""
     next_test: str = ""
+    ground: str = ""
+    """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
     runs_to_decide: int | None = None
-    now_um: float
-    calibrated_um: float
-    noise_um: float
-    seconds: float
+    now_um: NotNegative
+    calibrated_um: NotNegative
+    before_there_um: NotNegative = 0.0
+    """What was there without the model where calibrated_um was left with it."""
+    level: float = 1.0
+    """Of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
+    noise_um: NotNegative
+    seconds: NotNegative
     found: str
     model: str = ""
     """The rig file with what was found."""
 
 
+class Expected(Part):
+    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model."""
+
+    um: float
+    u_um: float
+
+
+class Work(Part):
+    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
+    standard uncertainty of the model there, a part of after_um."""
+
+    before_um: float
+    after_um: float
+    u_um: float
+
+
 class Correction(Part):
     """What is corrected and how. sentence: what a person does; expected_um: what the correction is expected to leave
-    of the error of the readings, and before_um what it was; directory: of its files; entered: whether a person
-    entered the values."""
+    of the error of the readings, and before_um what it was; same, elsewhere: that with its uncertainty, on the circle
+    and at the other place; work: over the whole work; directory: of its files; entered: whether a person entered the
+    values."""
 
     way: Way
     sentence: str
-    before_um: float
-    expected_um: float
+    before_um: NotNegative
+    expected_um: NotNegative
+    same: Expected | None = None
+    elsewhere: Expected | None = None
+    work: Work | None = None
     directory: str = ""
     entered: bool = False
 
@@ -166,23 +209,27 @@ class Session(Part):
     """All of it."""
 
     version: Literal[1] = 1
-    rig: str
-    rig_file: str
-    rig_sha256: str
+    rig: Annotated[str, Field(min_length=1)]
+    rig_file: Annotated[str, Field(min_length=1)]
+    rig_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     aim: Aim
     maker: Maker
-    minutes: float
-    began: str
+    minutes: Annotated[float, Field(gt=0, le=_MOST_MINUTES)]
+    began: Annotated[str, AfterValidator(_a_time)]
     emulated: Emulated | None = None
     stages: tuple[Stage, ...]
     steps: tuple[Step, ...]
-    driven_minutes: float = 0.0
+    driven_minutes: NotNegative = 0.0
     """Minutes from the start of each step to its run, pauses between sessions left out."""
     left_alone: tuple[str, ...] = ()
     """Runs in the directory that are of no step: of somebody else, or broken off."""
     answer: Answer | None = None
     answered: str = ""
     """Why no more is measured to find errors; empty while something is."""
+    judged: Answer | None = None
+    """What was found without the place that judges, with its judgement; those runs join the last answer."""
+    decided: int = 0
+    """Runs of the last answer after which nothing more is measured."""
     correction: Correction | None = None
     verified: Verified | None = None
     report: str = ""
@@ -208,9 +255,24 @@ class Session(Part):
         """Return the session with another state of a step, counted from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
+    def is_last(self, answer: Answer) -> bool:
+        """Whether an answer is of all runs before the correction, those that only judged among them."""
+        if any(step.purpose == "judge" and step.is_open for step in self.steps):
+            return False
+        judges = len(self.runs_for("judge"))
+        return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
+
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
+
+
+def own_programs(session: Session, directory: Path) -> str:
+    """Return the command that corrects programs of a person's own by what a session found; empty without a model."""
+    if not (session.answer and session.answer.model):
+        return ""
+    model = directory / "found" / session.answer.found / session.answer.model
+    return f"rig correct {as_argument(model)} --program FILE -o DIR"
 
 
 class Place:
@@ -265,6 +327,25 @@ class Place:
             if newer := of_newer_rig(str(self.file), error):
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
+
+    def hold_whole(self, session: Session, rig_text: str) -> None:
+        """Raise RigFileError, with the lines, where a session names runs that are not here, or is of another rig file
+        than the one with this text."""
+        found = []
+        if session.rig_sha256 != digest_of(rig_text):
+            what = "is not that of the rig file: it was changed, or this session is of another one"
+            found.append(("rig_sha256", session.rig_sha256, what))
+        names = (one.run for step in session.steps for one in step.tries)
+        found += [
+            ("run", name, f"there is no run {name} in {self.runs}") for name in names if not self.run(name).is_dir()
+        ]
+        if found:
+            lines = read_text(self.file, _MOST_BYTES).splitlines()
+            problems = [
+                Problem(next((k for k, line in enumerate(lines, 1) if text in line), 1), place, what)
+                for place, text, what in found
+            ]
+            raise RigFileError(str(self.file), problems)
 
     def write(self, session: Session) -> None:
         """Keep a session, durably and at once. Raises CellError where the disk refuses; the old one stays then."""

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from analysis.files.existing import refuse_existing
 from analysis.geometry.rigid import moved_by
 from analysis.kinematics.arm import arm_of
 from analysis.setting_up.touching import Touching
@@ -53,8 +54,7 @@ def record_touches(
     Raises FileError where the rig file has no tests.touch, where `output` exists, and where fewer than six touches were
     made; CellError where the robot is silent.
     """
-    if output.exists():
-        raise FileError(str(output), "exists already", "give the run a directory of its own")
+    refuse_existing(output)
     answer = daemon.ask("samples", after={}, rig=True)
     text = "\n".join(answer["rig_lines"]) + "\n"
     rig = parse(text, "the rig file of rigd")

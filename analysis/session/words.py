@@ -8,7 +8,18 @@ from pathlib import Path
 
 from analysis.session.cell import Run, Screen
 from analysis.session.plan import Pace, minutes_of
-from analysis.session.state import Answer, Correction, PartOfError, PathError, Session, Stage, Step, Verified
+from analysis.session.state import (
+    Answer,
+    Correction,
+    PartOfError,
+    PathError,
+    Session,
+    Stage,
+    Step,
+    Verified,
+    Way,
+    own_programs,
+)
 from rigs.text import as_argument
 
 _PURPOSES = {
@@ -119,38 +130,70 @@ def _name_of(part: PartOfError) -> str:
 
 
 def end_lines(session: Session, directory: Path) -> Iterator[str]:
-    """Yield what came of a session."""
-    answer = session.answer
+    """Yield what came of a session: what it was and is, what made it, and what is to do about the cause."""
+    answer, correction = session.answer, session.correction
     if answer:
         yield f"found: {answer.headline}"
-        yield f"accuracy: {answer.accuracy}"
-    if session.correction:
-        yield f"corrected: {session.correction.sentence}"
-    if session.verified:
-        yield from verified_lines(session.verified)
-    if answer and answer.remedies:
-        yield from (f"to do about the {remedy}" for remedy in answer.remedies)
-    elif answer:
-        yield f"next: {answer.next_step}"
+        yield f"accuracy before: {(session.judged or answer).accuracy}"
+        if session.judged and answer.joined:
+            yield (
+                f"the other place judged first; then its {answer.joined} runs joined the last diagnosis, of"
+                f" {answer.runs} runs"
+            )
+    if correction:
+        first, *rest = correction_lines(correction, session.verified)
+        yield f"corrected: {first}"
+        yield from rest
+    if answer and answer.next_step:
+        yield f"{'for the cause' if is_corrected(session) else 'next'}: {answer.next_step}"
+        yield from (f"  then: {remedy}" for remedy in answer.remedies)
     programs = sum(len(step.tries) for step in session.steps)
     yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
     yield f"report: {directory / session.report}"
-    if answer and answer.model:
-        model = directory / "found" / answer.found / answer.model
-        yield f"the model: {model}; your own programs: rig correct {as_argument(model)} --program FILE -o DIR"
+    if answer:
+        rig_file = as_argument(Path(session.rig_file))
+        yield f"what further tests would show in this arm: rig plan {rig_file} --level {max(answer.level, 0.01):.2g}"
+    if command := own_programs(session, directory):
+        yield f"the arm itself is unchanged; your own programs: {command}"
 
 
-def verified_lines(verified: Verified) -> Iterator[str]:
-    """Yield the error on the robot before and after."""
+def is_corrected(session: Session) -> bool:
+    """Whether the robot was driven with a correction."""
+    return bool(session.verified and session.verified.same_after)
+
+
+def correction_lines(correction: Correction, verified: Verified | None) -> Iterator[str]:
+    """Yield what was corrected, and the error before, expected and measured after."""
     sides = (
-        ("on the same circle", verified.same_before, verified.same_after),
-        ("at a place not used", verified.elsewhere_before, verified.elsewhere_after),
+        ("on the same circle", verified and verified.same_before, verified and verified.same_after, correction.same),
+        (
+            "at the other place",
+            verified and verified.elsewhere_before,
+            verified and verified.elsewhere_after,
+            correction.elsewhere,
+        ),
     )
-    for where, before, after in sides:
+    is_driven = any(after for _, _, after, _ in sides)
+    yield _DRIVEN[correction.way] if is_driven else correction.sentence
+    for where, before, after, expected in sides:
         if before and after:
-            yield f"error of the path {where}: {_size(before)} before, {_size(after)} after"
+            by = f" (expected {expected.um:.1f} ± {expected.u_um:.1f})" if expected else ""
+            yield f"error of the path {where}: was {_size(before)}, is {_size(after)}{by}"
         elif before:
             yield f"error of the path {where}: {_size(before)}"
+    if is_driven and correction.work:
+        work = correction.work
+        yield (
+            f"over the whole work: {work.before_um:.0f} µm rms before, {work.after_um:.0f} expected after"
+            f" (± {work.u_um:.0f} by the model)"
+        )
+
+
+_DRIVEN: dict[Way, str] = {
+    "programs": "The corrected programs were loaded and driven.",
+    "entries": "The values were entered at the controller, and the programs driven with them.",
+    "none": "Nothing was corrected.",
+}
 
 
 def _size(error: PathError) -> str:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.files import read_text
+from rigs.names import the_same
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
@@ -36,7 +37,7 @@ class _ArmFile(Part):
 
 def chosen_arm(name: str) -> ChosenArm:
     """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError."""
-    if name in arm_names():
+    if the_same(name, arm_names()):
         return _of_library(name)
     try:
         text = read_text(Path(name), _MAX_BYTES)

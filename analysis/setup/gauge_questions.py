@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,6 +20,10 @@ from rigs.schema.part import Part
 from rigs.schema.probe import Counts
 
 _NAMES = ("g1", "g2")
+_NEAREST_MM, _FURTHEST_MM = 10.0, 10_000.0
+"""Distances between two gauges: the axes of two stems side by side are 8 mm apart, and a clamp is between them."""
+_BODY_MM = 8.0
+"""The stem by which a dial gauge is clamped (DIN EN ISO 463)."""
 _MOST_SHOWN = 5
 """Readings that a line of 80 columns holds."""
 _WHICH_PORTS = """\
@@ -29,12 +34,20 @@ _SIDES = {"g1": "+", "g2": "-"}
 
 
 def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Find the gauges, and learn which is which."""
-    if answers.gauges is not None and not options.places and _have_keys(answers.gauges, options):
-        return answers
-    chosen = _chosen(_found(options, dialogue), options, dialogue)
-    gauges = [_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False)]
-    return answers.model_copy(update={"gauges": tuple(gauges)})
+    """Find the gauges, learn which is which, and say it."""
+    gauges = answers.gauges
+    if gauges is None or options.places or not _have_keys(gauges, options):
+        chosen = _chosen(_found(options, dialogue), options, dialogue)
+        gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
+    for name, gauge in zip(_NAMES, gauges, strict=False):
+        dialogue.say(described(name, gauge))
+    return answers.model_copy(update={"gauges": gauges})
+
+
+def described(name: str, gauge: Gauge) -> str:
+    """Return which gauge is meant by a name of the rig file, in a line."""
+    place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
+    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and counts {gauge.counts}"
 
 
 def _have_keys(gauges: Sequence[Gauge], options: Options) -> bool:
@@ -207,7 +220,19 @@ def _length_mm(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        value = -1.0
-    if not 0 < value <= 10_000:
-        raise FileError(repr(text), "is not a distance in mm", "type a number above 0, as 50")
+        value = math.nan
+    if not 0 < value <= _FURTHEST_MM:  # nor nan
+        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
+    return hold_baseline_mm(value, repr(text))
+
+
+def hold_baseline_mm(value: float, where: str) -> float:
+    """Return the distance between two gauges in mm. Raises FileError for one that no two gauges have."""
+    if value < _NEAREST_MM:
+        turned_mm = value * 1e-3
+        what = (
+            f"is nearer than two gauges stand: their bodies alone are {_BODY_MM:g} mm thick, and at {value:g} mm an "
+            f"angle of 1 mrad is {turned_mm:.2g} mm between them"
+        )
+        raise FileError(where, what, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")
     return value

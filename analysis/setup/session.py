@@ -9,7 +9,7 @@ from typing import Annotated
 from analysis.setup.answers import Answers, forget_answers, keep_answers, kept_in, load_answers
 from analysis.setup.arms import chosen_arm
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.gauge_questions import ask_baseline, ask_gauges
+from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
 from analysis.setup.options import Options, checked
 from analysis.setup.rig_text import rig_text
 from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tolerance, ask_tool
@@ -17,6 +17,7 @@ from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import parse
 from rigs.rig import Rig
+from rigs.text import as_argument
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
@@ -25,6 +26,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     _check_new(path)
+    if options.baseline_mm is not None:
+        hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     answers = load_answers(path)
     if answers.count:
@@ -45,7 +48,9 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
 
 def _check_new(path: Path) -> None:
     if path.exists() or path.is_symlink():
-        raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
+        raise FileError(
+            str(path), "exists already", f"give another name, or edit it and run rig check {as_argument(path)}"
+        )
 
 
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:

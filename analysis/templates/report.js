@@ -1,14 +1,15 @@
 "use strict";
 // Unpacks plotly and the data of the pictures, and draws each picture in the colours of light or dark paper.
 const dark = matchMedia("(prefers-color-scheme: dark)");
+const narrow = matchMedia("(max-width: 30rem)");
 
 async function unpacked(id) {
   const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (char) => char.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
 
-function painted(picture, colours, ink) {
-  const data = picture.data.map((trace) => {
+function painted(picture, colours, ink, step) {
+  const data = picture.data.map(({ steps, ...found }) => (steps ? { ...found, y: steps[step] } : found)).map((trace) => {
     if (!trace.role) return trace.marker ? { ...trace, marker: { ...trace.marker, color: ink.text } } : trace;
     const { role, ...rest } = trace;
     const color = colours[role];
@@ -34,18 +35,24 @@ function painted(picture, colours, ink) {
     const sides = ["xaxis", "yaxis", "zaxis"].map((name) => [name, { ...axis, ...given.scene[name] }]);
     layout.scene = { ...given.scene, ...Object.fromEntries(sides) };
   } else {
-    layout.xaxis = { ...axis, ...given.xaxis };
+    // A telephone has no room for a number each 30°, nor for the legend beside the axis' name.
+    const coarse = narrow.matches && given.xaxis.dtick ? { dtick: 90 } : {};
+    layout.xaxis = { ...axis, ...given.xaxis, ...coarse };
+    if (narrow.matches) Object.assign(layout, { height: picture.height + 60, margin: { ...layout.margin, b: 110 } });
+    if (narrow.matches) layout.legend = { orientation: "h", y: 0, yref: "container", yanchor: "bottom" };
     layout.yaxis = { ...axis, ...given.yaxis };
   }
   return { data, layout };
 }
 
-function paint({ pictures, colours }) {
+function paint({ pictures, colours }, step, all = true) {
   const style = getComputedStyle(document.documentElement);
   const [text, quiet, rule, paper] = ["--ink", "--quiet", "--rule", "--paper"].map((name) => style.getPropertyValue(name));
   for (const [id, picture] of Object.entries(pictures)) {
-    const { data, layout } = painted(picture, dark.matches ? colours.dark : colours.light, { text, quiet, rule, paper });
-    Plotly.react(id, data, layout, { responsive: true, displaylogo: false });
+    if (!all && !picture.data.some((trace) => trace.steps)) continue;
+    const inks = [dark.matches ? colours.dark : colours.light, { text, quiet, rule, paper }];
+    const { data, layout } = painted(picture, ...inks, step);
+    Plotly.react(id, data, layout, { responsive: true, displaylogo: false, displayModeBar: narrow.matches ? false : undefined });
   }
 }
 
@@ -56,8 +63,32 @@ async function draw() {
   document.head.append(script);
   document.documentElement.classList.add("drawn");
   const given = JSON.parse(data);
-  paint(given);
-  dark.addEventListener("change", () => paint(given));
+  const step = stepper((now) => paint(given, now, false));
+  paint(given, step());
+  for (const screen of [dark, narrow]) screen.addEventListener("change", () => paint(given, step()));
+}
+
+// Buttons, slider and arrow keys go through the steps of the pictures; returns what says which step it is.
+function stepper(changed) {
+  const own = document.querySelector(".stepper");
+  if (!own) return () => 0;
+  const [back, on] = own.querySelectorAll("button");
+  const slider = own.querySelector("input"), output = own.querySelector("output");
+  const names = JSON.parse(own.dataset.names), rows = document.querySelectorAll("table.steps tbody tr");
+  const show = () => {
+    const now = Number(slider.value);
+    output.textContent = names[now];
+    slider.setAttribute("aria-valuetext", names[now]);
+    [back.disabled, on.disabled] = [now === 0, now === names.length - 1];
+    rows.forEach((row, place) => row.classList.toggle("now", place === now));
+    return now;
+  };
+  const go = () => changed(show());
+  slider.addEventListener("input", go);
+  back.addEventListener("click", () => { slider.value = Number(slider.value) - 1; go(); });
+  on.addEventListener("click", () => { slider.value = Number(slider.value) + 1; go(); });
+  show();
+  return () => Number(slider.value);
 }
 
 if ("DecompressionStream" in window) draw();

@@ -15,9 +15,10 @@ from analysis.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.traces.tables import CircleTable
-from rigs.errors import FileError
+from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
+from rigs.text import as_argument
 
 _RADIUS_OFF_MM = 2.0
 _AWAY_S = 0.1
@@ -249,13 +250,16 @@ def _leaps(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
 
 
 def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:
-    """forth, back: how far the robot went along the circle, rad, in the run's direction and against it."""
-    if back > forth and back > np.radians(10):
-        other = "acw" if direction == "cw" else "cw"
-        raise FileError(
+    """forth, back: how far the robot went along the circle, rad, in the run's direction and against it. One that drives
+    a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both: there the label decides."""
+    if back > forth + np.radians(10):
+        other: Direction = "acw" if direction == "cw" else "cw"
+        raise DirectionError(
             where,
             f"is labelled {direction}, the robot moved {other}",
-            f"correct it: rig relabel RUN --direction {other}, or import the table again without a direction column",
+            f"correct it: rig relabel {as_argument(where)} --direction {other}, or import the table again without a "
+            "direction column",
+            other,
         )
 
 

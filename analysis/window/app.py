@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import mimetypes
+import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
@@ -36,8 +37,9 @@ from analysis.window.shelf import MOST_SHOWN, Shelf, Shown
 from analysis.window.table_file import WRITERS
 from analysis.window.texts import NAMES, language_of, texts_of
 from analysis.window.watcher import Watcher
+from daq.service.trust import tcp_user
 from rigs.distribution import version
-from rigs.errors import RigError
+from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import MAKERS
 
 log = logging.getLogger("uvicorn.error")
@@ -49,6 +51,8 @@ _MOST_RUNS = 60
 _MOST_ROBOTS = 3
 """Robots whose runs are evaluated for one list."""
 _PAGE = "page.html"
+_SCRAPE_S, _LOOK_S = 8.0, 0.2
+"""How long metrics wait for runs that are being evaluated, and between two looks: Prometheus gives up after 10 s."""
 _WRONG_TOKEN_S = 1.0
 """A wrong token is answered so late, and one at a time: a word of 16 letters is not found by trying."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
@@ -109,6 +113,18 @@ def app_of(window: Window) -> Guard:
 
     handlers: dict[Any, Any] = {HTTPException: pages.refused, RigError: pages.failed}
     return Guard(Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers), window.gate)
+
+
+NOT_ALLOWED = CellError(
+    "rig window", "your user is not allowed to control rigd, by its socket", "join the group rig, or ask for --token"
+)
+
+
+def _may_control(request: Request, controls: Controls) -> bool:
+    """Whether who asks without a token may use the daemon's socket as well, by user and group."""
+    client, server = request.client, request.scope.get("server")
+    user = tcp_user((client.host, client.port), server[1]) if client and server else None
+    return user is not None and controls.is_allowed(user)
 
 
 class _Pages:
@@ -218,7 +234,10 @@ class _Pages:
         daemon = ""
         with suppress(RigError):  # while there is none, its own are missing
             daemon = str(self._window.watcher.ask("metrics")["text"])
-        text = daemon + metrics_of(self._window.shelf.runs()[0])
+        end_s = time.monotonic() + _SCRAPE_S
+        while self._evaluates(self._window.shelf.runs()[0]) and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)  # in a thread of the pool; runs that nobody has opened have no figures yet
+        text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
     async def made(self, request: Request) -> Response:
@@ -260,6 +279,8 @@ class _Pages:
         controls, form = self._window.controls, await _form(request)
         if controls is None or not self._window.gate.is_own_form(form):
             raise HTTPException(403)
+        if self._window.gate.token is None and not _may_control(request, controls):
+            return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
         try:
             said = await run_in_threadpool(controls.do, request.path_params["what"], form)
         except RigError as error:
@@ -330,7 +351,7 @@ class _Pages:
     def _history_of(self, robot: str) -> Wanted:
         runs = tuple(one.path for one in self._window.shelf.runs()[0] if one.about["rig"] == robot)
         directory = str(self._window.shelf.directory.resolve())
-        words = ("history", robot, "--data", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
         return Wanted("analysis.cli", words, runs)
 
     def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,8 @@ from analysis.live.controls import label_of
 from analysis.session.processes import Child
 from analysis.session.state import Place
 from analysis.window.watcher import Watcher
-from rigs.errors import CellError, UseError
+from daq.service.trust import may_use
+from rigs.errors import CellError, RigError, UseError
 from rigs.schema.vocabulary import MAKERS, Maker
 from rigs.text import plain
 
@@ -25,6 +27,13 @@ class Controls:
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
         self._session: Child | None = None
         self._lock = threading.Lock()
+
+    def is_allowed(self, user: int) -> bool:
+        """Return whether a user of this computer may control the daemon, as its socket decides it."""
+        try:
+            return may_use(user, self._watcher.socket())
+        except RigError:  # no daemon runs, and what is started here runs as this user
+            return user in (0, os.geteuid())
 
     def do(self, what: str, form: Mapping[str, str]) -> str | None:
         """Do what a form asks for; return what to say of it, None for what is not known. Raises RigError."""

@@ -1,6 +1,7 @@
 """The live cell by Foxglove's WebSocket protocol: joint angles with the arm's URDF, gauges and angle, as rows come.
 
-The protocol knows no token, so only programs of this computer reach it; its library bounds what waits for each client.
+Only programs of this computer reach it, and of pages those that the window's gate lets in (`foxglove_door`); its
+library bounds what waits for each client.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from analysis.files.foxglove_arm import (
 )
 from analysis.geometry.ball_link import angle
 from analysis.live.view import LiveView
+from analysis.window.foxglove_door import Door, hidden_address
+from analysis.window.guard import Gate
 from rigs.distribution import to_install
 from rigs.errors import CellError
 from rigs.rig import Rig
@@ -36,8 +39,9 @@ _GAUGES = {
 class Foxglove:
     """A server of what a view shows, from when it is made until it is closed."""
 
-    def __init__(self, port: int, rig: Rig | None) -> None:
-        """rig: whose arm is shown. Raises CellError where the library is missing or the port is taken."""
+    def __init__(self, port: int, rig: Rig | None, gate: Gate) -> None:
+        """rig: whose arm is shown; gate: who is let in. Raises CellError where the library is missing or the port is
+        taken."""
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
@@ -54,15 +58,22 @@ class Foxglove:
         self._described = channel(DESCRIPTION_TOPIC, SCHEMAS[DESCRIPTION])
         self._urdf = urdf_of(rig) if rig else ""
         self._until_s, self._described_s = -math.inf, -math.inf
+        inner = hidden_address()
         try:
-            self._server = foxglove.start_server(name="rig", host="127.0.0.1", port=port, context=context)
+            self._server = foxglove.start_server(name="rig", host=inner, port=0, context=context)
         except RuntimeError as error:
-            raise CellError(f"127.0.0.1:{port}", f"cannot be listened on: {error}", "give another port") from None
+            raise CellError(f"{inner}:0", f"cannot be listened on: {error}", "leave --foxglove out") from None
+        try:
+            self._door = Door(port, (inner, int(self._server.port)), gate)
+        except OSError as error:
+            self._server.stop()
+            what = f"cannot be listened on: {error.strerror or error}"
+            raise CellError(f"127.0.0.1:{port}", what, "give another port") from None
 
     @property
     def port(self) -> int:
         """Where it listens."""
-        return int(self._server.port)
+        return self._door.port
 
     def show(self, view: LiveView) -> None:
         """Send the rows of a view that are newer than those sent before."""
@@ -89,6 +100,7 @@ class Foxglove:
 
     def close(self) -> None:
         """End it."""
+        self._door.close()
         for one in (self._joints, self._gauges, self._described):
             one.close()
         self._server.stop()

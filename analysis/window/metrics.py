@@ -11,8 +11,9 @@ from rigs.schema.limits import Standing
 _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
 
 
-def metrics_of(runs: Iterable[Shown]) -> str:
-    """Return the leading figures and those with a limit of the newest run of each rig, test and direction.
+def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
+    """Return whether the daemon answers, and the leading figures and those with a limit of the newest run of each rig,
+    test and direction.
 
     runs: the newest first.
     """
@@ -20,7 +21,8 @@ def metrics_of(runs: Iterable[Shown]) -> str:
     for run in runs:
         if run.figures and run.record is not None:
             newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)
-    return render(_metrics(list(newest.values())))
+    up = Metric("rig_up", "gauge", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),))
+    return render([up, *_metrics(list(newest.values()))])
 
 
 def _metrics(runs: list[Shown]) -> Iterator[Metric]:

@@ -62,9 +62,9 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         made = Made(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
         stream = None
         if asked.foxglove is not None:
-            stream = Foxglove(asked.foxglove, rig)
+            stream = Foxglove(asked.foxglove, rig, gate)
             ends.callback(stream.close)
-            say(f"ws://127.0.0.1:{stream.port} for Foxglove")
+            say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove")
         watcher = Watcher(partial(find_socket, rig.name if rig else None), place, stream.show if stream else None)
         controls = None
         if asked.control:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
-from analysis.session.guide import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import PathError, Session
+from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
+from analysis.session.state import Correction, Expected, PathError, Session, Verified
+from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
 
@@ -27,24 +29,16 @@ def summary(session: Session) -> dict[str, Any]:
             for step in session.steps
         ],
         "headline": answer.headline if answer else "",
-        "accuracy": answer.accuracy if answer else "",
+        "accuracy": (session.judged or answer).accuracy if answer else "",
         "runs": answer.runs if answer else 0,
         "parts": [
             {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}
             for one in (answer.parts if answer else ())
         ],
-        "remedies": list(answer.remedies) if answer else [],
-        "correction": correction.sentence if correction else "",
-        "before_after": [
-            {"where": where, "before": _error(before), "after": _error(after)}
-            for where, before, after in (
-                ("same", verified.same_before, verified.same_after),
-                ("elsewhere", verified.elsewhere_before, verified.elsewhere_after),
-            )
-            if before
-        ]
-        if verified
-        else [],
+        "remedies": [answer.next_step, *answer.remedies] if answer and answer.next_step else [],
+        "correction": next(correction_lines(correction, verified)) if correction else "",
+        "before_after": [*_before_after(verified, correction)] if verified else [],
+        "work": correction.work.model_dump() if correction and correction.work else None,
         "report": session.report,
     }
 
@@ -68,6 +62,21 @@ def _next(session: Session) -> dict[str, Any]:
         case Done():
             return {"key": "done"}
     return {"key": _BUSY[type(following)]}
+
+
+def _before_after(verified: Verified, correction: Correction | None) -> Iterator[dict[str, Any]]:
+    """Yield the error before and after, and what was expected, at each place that was driven."""
+    same, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
+    for where, before, after, expected in (
+        ("same", verified.same_before, verified.same_after, same),
+        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere),
+    ):
+        if before:
+            yield {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
+
+
+def _expected(expected: Expected | None) -> dict[str, float] | None:
+    return {"um": expected.um, "u_um": expected.u_um} if expected else None
 
 
 def _error(error: PathError | None) -> dict[str, float] | None:

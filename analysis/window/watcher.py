@@ -106,6 +106,10 @@ class Watcher:
             return
         self.board.post("session", summary(session) if session else {"next": {"key": "none"}})
 
+    def socket(self) -> Path:
+        """Return the socket of the daemon. Raises CellError while there is none."""
+        return self._find()
+
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Ask rigd for something a person wants. Raises RigError."""
         with Client(self._find()) as client:

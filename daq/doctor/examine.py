@@ -21,8 +21,11 @@ from rigs.schema.condition import CONDITION
 _FRESH_S = 3.0
 
 
-def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/")) -> Iterator[Finding]:
-    """Yield findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are."""
+def examine(
+    rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
+) -> Iterator[Finding]:
+    """Yield findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are; example: whether
+    the rig file is one that is shipped, whose ports may be another's machines in this network and are not touched."""
     yield from examine_computer(runs, unit)
     try:
         status = ask(rig.name)
@@ -31,6 +34,10 @@ def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"
         return
     if status is not None:
         yield from of_daemon(status, streams_of(rig))
+    if example and status is None:
+        what = "this rig file is a shipped example: its ports and addresses are of no cell of yours, and none was asked"
+        yield doubtful("instruments", what, "write the rig file of your cell with rig init cell.yaml, and give it")
+        return
     for stream in streams_of(rig):
         findings = []
         if stream.port.startswith("/"):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from daq.store.manifest import Operator, Placement, ViewZero
+from daq.store.manifest import DrivenWith, Operator, Placement, ViewZero
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -21,4 +21,5 @@ class Label(Part):
     direction: Direction | None = None
     operator: Operator = ""
     placement: Placement = ""
+    corrected: DrivenWith = ""
     view_zero_mm: ViewZero | None = None

@@ -110,8 +110,8 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def _take_locks(self) -> None:
-        """Take the locks of the socket, the rig file and the directory of runs. Raises CellError where another daemon
-        holds one."""
+        """Take the locks of the socket, the rig file, the directory of runs and the gauges. Raises CellError where
+        another daemon holds one."""
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
         if self._rig_file:
@@ -119,6 +119,9 @@ class Daemon:
         with suppress(OSError):
             self._runs.mkdir(parents=True, exist_ok=True)
         self._locks.callback(InstanceLock.take_runs(self._rig.name, self._runs).release)
+        for stream in self._streams:
+            if stream.name != ROBOT and stream.opening is open_link:  # a controller answers several
+                self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
         """Stop everything in order; return the directory of a recording that was cut short.
@@ -185,6 +188,7 @@ class Daemon:
             rig_text=self._rig_text,
             operator=label.operator,
             placement=label.placement,
+            corrected=label.corrected,
             view_zero_mm=label.view_zero_mm,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,

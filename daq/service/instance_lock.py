@@ -2,19 +2,22 @@
 
 Somebody else's directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
 
-A socket can be given any name, so the rig file itself is locked as well, and in a directory of runs each rig: two
-daemons would ask the same instruments, and record the same lap twice. The system gives up every lock with its process,
-so none stays behind.
+A socket can be given any name, so the rig file itself is locked as well, in a directory of runs each rig, and each
+gauge by its port: two daemons would ask the same instruments, and record the same lap twice. The system gives up every
+lock with its process, so none stays behind.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import os
+import socket
 import stat
 from pathlib import Path
 
+from daq.service.trust import peer_user
 from rigs.errors import CellError
 
 _LONGEST_ID = 20
@@ -72,7 +75,36 @@ class InstanceLock:
         return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
 
     @classmethod
-    def _held(cls, path: Path, flags: int, refusal: str) -> InstanceLock:
+    def take_gauge(cls, name: str, port: str) -> InstanceLock:
+        """Lock the port of a gauge for this user's daemons, by whatever rig file and name it is reached: two would each
+        take answers of the other. Raises CellError if another daemon reads it.
+
+        The lock is an abstract socket, which is in no directory that a service has for itself alone.
+        """
+        key = hashlib.sha256(_same_port(port).encode()).hexdigest()[:16]
+        address = f"\0rigd-{os.geteuid()}-{key}"
+        lock = socket.socket(socket.AF_UNIX)
+        try:
+            lock.bind(address)
+            lock.listen()
+        except OSError:
+            lock.close()
+            if _is_of_this_user(address):  # and of nobody who holds it for ever
+                remedy = "stop that one, or correct the port in the rig file"
+                raise CellError(name, f"another rigd reads the gauge at {port}", remedy) from None
+            return cls(-1)
+        return cls(lock.detach())
+
+    @classmethod
+    def take_cell(cls, directory: Path) -> InstanceLock:
+        """Lock the directory of an emulated or replayed cell. Raises CellError if another serves in it."""
+        refusal = "another rig emulate or rig replay serves a cell in this directory"
+        return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or give another --output")
+
+    @classmethod
+    def _held(
+        cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
+    ) -> InstanceLock:
         """Lock a file. Where it cannot be opened, or its disk has no locks, there is none: what follows from that is
         reported by those who need the file."""
         try:
@@ -83,7 +115,7 @@ class InstanceLock:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(fd)
-            raise CellError(str(path), refusal, "stop that one, or talk to it with rig status") from None
+            raise CellError(str(path), refusal, remedy) from None
         except OSError:
             os.close(fd)
             return cls(-1)
@@ -94,6 +126,22 @@ class InstanceLock:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+
+def _same_port(port: str) -> str:
+    """Return one name for a port, however it is written: of a serial port the device, of an address small letters."""
+    if port.startswith("/"):
+        return os.path.realpath(port)
+    return port.casefold().replace("//localhost:", "//127.0.0.1:")
+
+
+def _is_of_this_user(address: str) -> bool:
+    """Return whether a program of this user or of root listens at an abstract address."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as probe:
+        probe.settimeout(1.0)
+        probe.connect(address)
+        return peer_user(probe) in (0, os.geteuid())
+    return False
 
 
 def _hold_private(directory: Path) -> None:

@@ -22,7 +22,7 @@ from daq.service.daemon import Daemon
 from daq.store.records import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
-from rigs.load import SHIPPED, find, load
+from rigs.load import find, is_shipped, load
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
@@ -81,7 +81,7 @@ def rigd(
         rig, text = load(rig_file)
         file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        own = None if file.is_relative_to(SHIPPED.resolve()) else file  # a shipped one is everybody's
+        own = None if is_shipped(file) else file  # a shipped one is everybody's
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics(), own)
         daemon.start()
     except RigError as error:

@@ -8,16 +8,22 @@ made for a service, as /run/rigd-cell, is trusted with its owner.
 
 from __future__ import annotations
 
+import contextlib
+import grp
 import os
+import pwd
 import socket
 import stat
 import struct
+import sys
 from pathlib import Path
 
 from rigs.errors import CellError
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, user and group of a peer: struct ucred of unix(7)."""
+_UID = 7
+"""Column of the user in /proc/net/tcp (proc(5))."""
 _REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
 
 
@@ -53,3 +59,33 @@ def peer_user(connection: socket.socket) -> int:
     size = _CREDENTIALS.size
     _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
     return int(user)
+
+
+def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/tcp")) -> int | None:
+    """Return the number of the user of this computer who has connected from `client` to a port here; None where the
+    connection comes from elsewhere, or cannot be seen. Of addresses of version 6, those of version 4 within them."""
+    try:
+        packed = socket.inet_aton(client[0].removeprefix("::ffff:"))
+    except OSError:
+        return None
+    wanted = f"{int.from_bytes(packed, sys.byteorder):08X}:{client[1]:04X}"
+    with contextlib.suppress(OSError):
+        for line in table.read_text("ascii", "replace").splitlines()[1:]:
+            columns = line.split()
+            if len(columns) > _UID and columns[1] == wanted and columns[2].endswith(f":{port:04X}"):
+                return int(columns[_UID])
+    return None
+
+
+def may_use(user: int, path: Path) -> bool:
+    """Return whether a user may connect to a daemon's socket: root, its owner, or a member of its group."""
+    try:
+        found = path.stat()
+    except OSError:
+        return user in (0, os.geteuid())
+    if user in (0, found.st_uid):
+        return True
+    with contextlib.suppress(KeyError):
+        person = pwd.getpwuid(user)
+        return person.pw_gid == found.st_gid or person.pw_name in grp.getgrgid(found.st_gid).gr_mem
+    return False

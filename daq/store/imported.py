@@ -78,7 +78,7 @@ def write_table_run(run: Run, path: Path, beside: Mapping[str, bytes] | None = N
             write_beside(made, beside or {})
             _fill(run, made, _name(path))
     except FileExistsError:
-        raise FileError(str(path), "exists already", "give the run a directory of its own") from None
+        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
     except (OSError, pa.ArrowException) as error:
         raise _refused(path, error) from error
     return load_manifest(path)

@@ -92,6 +92,9 @@ Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
 """Where instrument or ball stand, by a name that a person gives; runs of one placement share one set-up."""
 ViewZero = tuple[Length, Length]
 """What a live view took off each gauge when it started the run: a note for who reads it, rows hold the readings."""
+DrivenWith = Literal["", "targets", "entries"]
+"""What corrects the arm while it drives: programs with corrected targets, or values that were entered at its
+controller; empty where nothing does. Such runs show the correction, and the arm itself is unchanged."""
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
@@ -109,6 +112,7 @@ class Manifest(Record):
     rig_sha256: str
     operator: Text
     placement: Placement = Field(default="", exclude_if=lambda placement: not placement)
+    corrected: DrivenWith = Field(default="", exclude_if=lambda by: not by)
     view_zero_mm: ViewZero | None = Field(default=None, exclude_if=lambda zero: zero is None)
     follows: str = ""
     """Directory of the run that this one goes on from, where the disk or its length ended that one."""
@@ -227,6 +231,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     operator: str,
     streams: Mapping[str, tuple[str, ...]],
     placement: str = "",
+    corrected: DrivenWith = "",
     view_zero_mm: ViewZero | None = None,
     follows: str = "",
     table: ImportedTable | None = None,
@@ -245,6 +250,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
             operator=operator,
             placement=placement,
+            corrected=corrected,
             view_zero_mm=view_zero_mm,
             follows=follows,
             host=socket.gethostname(),

@@ -2,13 +2,15 @@
 
 A command that was interrupted while it wrote left half a run, which was neither a run nor free for the next try. What
 is hidden is no run to any command. It is removed where the command fails or is interrupted, and also where a signal
-ends it; what a power cut leaves of it can be deleted.
+ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: whoever fills
+such a directory holds a lock on it, which the system gives up with the process.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import secrets
 import shutil
 import signal
@@ -19,6 +21,15 @@ from pathlib import Path
 
 from daq.store import durable
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
+"""The name of a hidden directory."""
+_TRIES = 3
+"""Between the making of a directory and its lock there are microseconds, in which another command may look."""
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -104,13 +115,55 @@ def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambd
 
 @contextmanager
 def _hidden(parent: Path) -> Iterator[Path]:
-    made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
+    _remove_left_over(parent)
+    made, fd = _locked_directory(parent)
     try:
         with removed_at_signals(made):
-            durable.make_directory(made)
             yield made
     finally:
         surely(lambda: shutil.rmtree(made, ignore_errors=True))
+        if fd is not None:
+            os.close(fd)
+
+
+def _locked_directory(parent: Path) -> tuple[Path, int | None]:
+    """Make a hidden directory that nobody else removes; the lock is None where the disk has none."""
+    for _ in range(_TRIES):
+        made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
+        durable.make_directory(made)
+        fd = _lock_of(made)
+        if fd is not None and os.path.lexists(made):
+            break
+        if fd is not None:  # another command took it for left over, just before the lock
+            os.close(fd)
+    return made, fd
+
+
+def _lock_of(directory: Path) -> int | None:
+    """Return a descriptor that locks a directory, None where another process does, or there are no locks."""
+    if fcntl is None:
+        return None
+    try:
+        fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(fd)
+        return None
+    return fd
+
+
+def _remove_left_over(parent: Path) -> None:
+    """Remove the hidden directories of processes that were killed while they filled them."""
+    for there in parent.glob(f".*{durable.TEMPORARY}"):
+        if not _OURS.fullmatch(there.name) or there.is_symlink():
+            continue
+        fd = _lock_of(there)
+        if fd is not None:
+            shutil.rmtree(there, ignore_errors=True)
+            os.close(fd)
 
 
 def _hold_free(path: Path) -> None:

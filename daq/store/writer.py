@@ -24,7 +24,7 @@ from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.ledger import Entry, Ledger
-from daq.store.manifest import Manifest, ViewZero, clock_now, new_manifest
+from daq.store.manifest import DrivenWith, Manifest, ViewZero, clock_now, new_manifest
 from daq.store.memory import give_back
 from daq.store.records import Clock, Ending, Seal, iso_now
 from daq.store.room import MARGIN_BYTES, require_room
@@ -91,6 +91,7 @@ class RunWriter:
         operator: str,
         streams: Mapping[str, tuple[str, ...]],
         placement: str = "",
+        corrected: DrivenWith = "",
         view_zero_mm: ViewZero | None = None,
         follows: str = "",
         beside: Mapping[str, bytes] | None = None,
@@ -113,6 +114,7 @@ class RunWriter:
             operator=operator,
             streams=streams,
             placement=placement,
+            corrected=corrected,
             view_zero_mm=view_zero_mm,
             follows=follows,
         )

@@ -7,14 +7,13 @@ there is the section with its comments, ready to be pasted.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import Field, ValidationError, model_validator
 
 from rigs.errors import FileError
+from rigs.names import nearest, the_same
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
@@ -22,7 +21,6 @@ from rigs.yaml_text import read_yaml
 
 _FOLDER = Path(__file__).parent
 _SECTION = "\nrobot:\n"
-_MOST_NEAR = 3
 
 
 class Sources(Part):
@@ -80,26 +78,14 @@ def arm_names() -> tuple[str, ...]:
 
 
 def load_arm(name: str) -> Arm:
-    """Return an arm by its name. Raises FileError with the names that are near."""
+    """Return an arm by its name, as people write it. Raises FileError with the names that are near."""
     names = arm_names()
-    if name not in names:
-        near = _near(name, names)
-        known = f"did you mean {' or '.join(near)}?" if near else "rig arms lists all"
+    library_name = the_same(name, names)
+    if library_name is None:
+        known = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all"
         raise FileError(name, "no arm of this name is in the library", known)
-    file = _FOLDER / f"{name}.yaml"
-    return _parsed(name, file.read_text(encoding="utf-8"), str(file))
-
-
-def _near(name: str, names: Sequence[str]) -> list[str]:
-    """The names that contain a name, as a person writes it, or else those that look like it."""
-    written = _letters(name)
-    within = [one for one in names if written and written in _letters(one)]
-    return (within or difflib.get_close_matches(name.lower(), names, cutoff=0.5))[:_MOST_NEAR]
-
-
-def _letters(name: str) -> str:
-    """Letters and digits of a name in lower case: GP 7, gp-7 and GP7 are the same."""
-    return "".join(char for char in name.lower() if char.isalnum())
+    file = _FOLDER / f"{library_name}.yaml"
+    return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))
 
 
 def _parsed(name: str, text: str, where: str) -> Arm:

@@ -9,11 +9,28 @@ import numpy as np
 from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 _HANGS_KG = 5.0
 """The payload during a test is often unknown: what is taken first, …"""
 _HEAVY_KG = 15.0
 """… and the other end of what is tried."""
+
+_SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
+    "industrial": (5e-5, 3e-4),
+    "light": (6e-4, 3e-3),
+    "torque_sensing": (4.3e-3, 4.3e-3),
+}
+"""How soft a joint of axes 1 to 3, and one of the wrist, is without a fault.
+
+- industrial: cycloidal reducers. Identified joints of a KUKA KR240 (Dumas et al., 2011) and KR500 (Jubien et al., 2014)
+  are of 0.3 to 1 µrad/Nm; Nabtesco's torsional rigidity of RV reducers for such axes is of the same size.
+- light: strain-wave gears. Axes 2 and 3 of a UR10 yield 8 to 11 µrad/Nm in four series (Landgraf et al., 2021, as rig
+  fits them), 4.6 to 6.3e-4 °/Nm; the wrist has gears of half the diameter, which yield five times as much (K1 to K3 of
+  Harmonic Drive's tables grow with the third power of the size).
+- torque_sensing: a sensor of torque is a spring in series. Axes 2 to 4 of an iiwa 14 yield 55 to 75 µrad/Nm (Franzese
+  et al., 2024, as rig fits them), 3.2 to 4.3e-3 °/Nm.
+"""
 
 
 class Compliance(Effect):
@@ -56,6 +73,10 @@ class Compliance(Effect):
     def healthy(self) -> float:
         """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist."""
         return 5e-5 if self.axis <= 3 else 3e-4
+
+    def usual_times(self, build: Build) -> float:
+        """By the build of the arm: joints of light arms are ten times as soft as those of machines."""
+        return max(_SOFT_DEG_PER_NM[build][self.axis > 3] / self.healthy, 1.0)
 
     @property
     def idle(self) -> str:

@@ -20,6 +20,7 @@ from rigs.schema.effect import (
     StretchedShape,
     shape,
     size,
+    whole_order,
 )
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
@@ -69,11 +70,11 @@ class TransmissionError(Effect):
         ]
 
     def plain(self, joint: str) -> str:
-        return f"gear error of {joint}, {self.order:.4g} a turn"
+        return f"gear error of {joint}, {whole_order(self.order):.4g} a turn"
 
     def remedy(self) -> str:
         return (
-            f"inspect the gear stage of joint {self.axis} that turns {self.order:.4g} times a turn of the joint:"
+            f"inspect the gear stage of axis {self.axis} that turns {whole_order(self.order):.4g} times a turn of it:"
             f" ± {self.amplitude_deg:.4f}°"
         )
 

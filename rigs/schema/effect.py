@@ -20,6 +20,7 @@ from pydantic import Field
 
 from rigs.schema.part import Part
 from rigs.schema.scene import S, Stage
+from rigs.schema.vocabulary import Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
@@ -40,6 +41,8 @@ Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
 anew, or wait until it is warm."""
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
+_OF_A_WAVE = 0.1
+"""Part of a wave to which an order is a whole number: no gear has 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 """Parameters that say where an effect sits."""
 
@@ -218,6 +221,10 @@ class Effect(Part, ABC):
         """What a healthy arm shows of it anyway, in the unit of its size."""
         return float(_extra(type(self), size_field(self))["healthy"])
 
+    def usual_times(self, build: Build) -> float:
+        """How many times the healthy size an arm of a build shows without a fault."""
+        return 1.0
+
     @property
     def seat(self) -> str:
         """Where it sits, as answers write it."""
@@ -300,7 +307,12 @@ def name_of(effect: Effect) -> str:
 def label_of(effect: Effect) -> str:
     """The name of an effect; gears by order, which are many of one name."""
     order = getattr(effect, "order", None)
-    return name_of(effect) if order is None else f"{name_of(effect)} order {order:g}"
+    return name_of(effect) if order is None else f"{name_of(effect)} order {whole_order(order):g}"
+
+
+def whole_order(order: float) -> float:
+    """The order of a gear's wave as it is said: the number of teeth, where it is one to a tenth of a wave."""
+    return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def phases(effect: _E) -> tuple[_E, ...]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigs.schema.part import Angle, Length, Part, Vector
-from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 
 class Pose(Part):
@@ -85,6 +85,13 @@ class Robot(Part):
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
+    build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
+    """How the arm is built; where it is not stated, an arm of seven axes has sensors of torque."""
+
+    @property
+    def built(self) -> Build:
+        """How the arm is built, as stated, or as most arms of so many axes are."""
+        return self.build or ("torque_sensing" if len(self.axes) > FEWEST_AXES else "industrial")
 
     @model_validator(mode="before")
     @classmethod

@@ -33,6 +33,23 @@ Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 MAKERS: tuple[Maker, ...] = get_args(Maker)
 
 
+_ALSO_NAMED: dict[str, Maker] = {"universalrobots": "ur", "motoman": "yaskawa"}
+"""Makers by names that their arms bear as well."""
+
+
+def maker_named(word: str) -> Maker | None:
+    """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
+    word."""
+    letters = "".join(char for char in word.casefold() if char.isalnum())
+    named: dict[str, Maker] = {maker: maker for maker in MAKERS} | _ALSO_NAMED
+    return next((maker for name, maker in named.items() if letters.startswith(name)), None)
+
+
 def maker_of(interface: str) -> Maker | None:
     """Return the maker whose controllers speak a feedback interface, which is named after it; None for any maker's."""
     return next((maker for maker in MAKERS if interface.startswith(f"{maker}_")), None)
+
+
+Build = Literal["industrial", "light", "torque_sensing"]
+"""How an arm is built, by which it is judged what is usual: with the reducers of large machines, with strain-wave gears
+as light arms and cobots, or with sensors of torque in its joints."""

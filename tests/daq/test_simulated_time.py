@@ -12,10 +12,10 @@ import yaml
 
 from daq import clock
 from daq.protocol.conversation import FaultKind
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import Deadlock, SimulatedClock
 from daq.store import read_run
 from tests.support.bench import ByHand, rig_text
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import Deadlock, SimulatedClock
 
 START = {"command": "record_start", "name": "lap", "test": "yaw", "direction": "acw"}
 
@@ -30,7 +30,7 @@ def recorded(folder: Path, seed: int) -> tuple[dict[str, np.ndarray], Counter[st
     folder.mkdir()
     hand = ByHand()
     with SimulatedClock(seed).running() as time:
-        cell = SimulatedCell(time, folder, slow_rig(), hand, hand.signal)
+        cell = SimulatedCell.switched_on(time, folder, slow_rig(), hand, hand.signal)
         daemon = cell.daemon()
         clock.sleep(2)
         path = Path(daemon.answer(START)["run"])
@@ -63,7 +63,7 @@ def test_a_seed_gives_the_same_recording_each_time_and_what_was_counted_is_there
 def test_what_was_synced_before_a_kill_is_in_the_run_that_the_next_start_recovers(tmp_path: Path) -> None:
     hand = ByHand()
     with SimulatedClock(3).running() as time:
-        cell = SimulatedCell(time, tmp_path, slow_rig(), hand, hand.signal)
+        cell = SimulatedCell.switched_on(time, tmp_path, slow_rig(), hand, hand.signal)
         daemon = cell.daemon()
         clock.sleep(2)
         path = Path(daemon.answer(START)["run"])

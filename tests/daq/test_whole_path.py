@@ -85,7 +85,7 @@ def test_the_command_emulate_drives_programs_and_takes_what_rig_correct_wrote(tm
     with Bench(tmp_path) as bench:
         for words in (
             "program own.yaml --for ur --test yaw -o programs",
-            "correct known.yaml --controller ur -o found",
+            "correct known.yaml --for ur -o found",
         ):
             assert bench.run("rig", *words.split()).returncode == 0
         options = ("--programs", "programs", "--effects", "hidden.yaml")

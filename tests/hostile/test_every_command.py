@@ -183,10 +183,10 @@ def cases() -> dict[str, Case]:
             [cell, "--catalogue", cell / "rig.yaml"],
         ],
         "history": lambda cell, own: [
-            ["rig", "--data", cell / "yaw", "-o", own / "page.html"],
-            [EVIL, "--data", cell / "yaw"],
-            ["rig", "--data", cell / "yaw", "--json"],
-            ["rig", "--data", cell / "yaw", "--figure", EVIL],
+            ["rig", "--runs", cell / "yaw", "-o", own / "page.html"],
+            [EVIL, "--runs", cell / "yaw"],
+            ["rig", "--runs", cell / "yaw", "--json"],
+            ["rig", "--runs", cell / "yaw", "--figure", EVIL],
         ],
         "import": lambda cell, own: [
             [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],

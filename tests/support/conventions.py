@@ -23,7 +23,7 @@ from analysis.traces.tables import CircleTable, PoseTable, RadialTable, Repeatab
 from daq.store import table_run
 from rigs.load import load, parse
 from rigs.rig import Rig
-from tests.support import independent_arm
+from tests.support import driven_on, independent_arm
 from tests.support.five_arms import ARMS, OPW, PeerArm
 from tests.support.stranger.faults import Fault
 from tests.support.stranger.gauges import Link
@@ -147,6 +147,26 @@ def sound(number: int, seed: int = 0) -> list[Measured]:
         return [poses(list(ARMS)[number // 3 % len(ARMS)], rng)]
     faults = [play(rng)] if number % 2 else []
     return gauged(ROBOTS[number % 2], rng, faults, range(6))
+
+
+def driven_on_from(number: int, seed: int = 0) -> list[Measured]:
+    """A sound cell whose robot drives cw on from the start of acw, so that joints stand turns apart between the ways;
+    two laps on end in every third, joints that begin turns elsewhere in every other, a play in two of three."""
+    rng = np.random.default_rng([seed, number, 3])
+    name = driven_on.ROBOTS[number % 2]
+    wrong, ball = independent_arm.healthy(rng), rng.normal(0, 0.4, 3)
+    play_rad = np.zeros(6)
+    if number % 3:
+        play_rad[rng.integers(6)] = np.radians(rng.uniform(0.01, 0.05))
+    runs = []
+    for test in ("yaw", "roll"):
+        for sense, way in ((1, "acw"), (-1, "cw")):
+            turns = (0, 0, 0, *rng.integers(-1, 2, 3).tolist()) if number % 2 else (0,) * 6
+            drive = driven_on.Drive(test, sense, 1 + (number % 3 == 0), turns)
+            got = driven_on.drive(name, drive, wrong, rng, play_rad=play_rad, ball_mm=ball)
+            table = CircleTable(test, way, got.t_s, got.q, got.g_mm)  # type: ignore[arg-type]
+            runs.append(run_of(table, f"{test}-{way}", load(name)[0]))
+    return runs
 
 
 @dataclass(frozen=True)

@@ -84,10 +84,12 @@ def drive(
     return Driven(q, place[_first(t_s, stops)] / 1e3)
 
 
-def drive_points(path: Path, rng: np.random.Generator, names: list[str], q: Array, place_mm: Array) -> Driven:
+def drive_points(
+    path: Path, rng: np.random.Generator, names: list[str], q: Array, place_mm: Array, topic: str = "/seen",
+) -> Driven:  # fmt: skip
     """Write a bag of an arm with these joints that stops at angles q (n, axes) rad with a ball at place_mm (n, 3)."""
     t_s, leg, share = _ways(len(q))
-    sight = Sight(POINT, _between(place_mm / 1e3, leg, share), Rotation.identity(len(t_s)), 0.0, frozenset())
+    sight = Sight(POINT, _between(place_mm / 1e3, leg, share), Rotation.identity(len(t_s)), 0.0, frozenset(), topic)
     _write(path, rng, StoragePlugin.MCAP, (t_s, leg), names, _between(q, leg, share), sight, stamped=True)
     return Driven(q, place_mm / 1e3)
 
@@ -102,6 +104,7 @@ class Sight:
     turn: Rotation
     clock_off_s: float
     blind: frozenset[int]
+    topic: str = "/seen"
 
 
 def _ways(stops: int) -> tuple[Array, Array, Array]:
@@ -127,7 +130,7 @@ def _write(
     with Writer(path, version=9, storage_plugin=storage) as bag:
         to = {
             name: bag.add_connection(name, of, typestore=STORE)
-            for name, of in (("/joint_states", "sensor_msgs/msg/JointState"), ("/seen", sight.kind))
+            for name, of in (("/joint_states", "sensor_msgs/msg/JointState"), (sight.topic, sight.kind))
         }
         named, empty = ["finger", *reversed(names)], np.array([])
         for k, (at, leg) in enumerate(zip(*times, strict=True)):
@@ -139,4 +142,4 @@ def _write(
             if k % 3 == 0 and leg not in sight.blind:
                 place = sight.place_m[k] + rng.normal(0, NOISE_M, 3)
                 seen = message(sight.kind, BEGIN_S + at + sight.clock_off_s, place, sight.turn[k])
-                bag.write(to["/seen"], log + 1000, STORE.serialize_cdr(seen, sight.kind))
+                bag.write(to[sight.topic], log + 1000, STORE.serialize_cdr(seen, sight.kind))

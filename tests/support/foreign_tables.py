@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from analysis import load_run
 from analysis.traces.tables import PoseTable, Table
 from tests.support.command_line import ran
-from tests.support.independent_arm import constants_of, flange, healthy, postures
+from tests.support.independent_arm import constants_of, flange, healthy, none, postures
 
 Array = NDArray[np.float64]
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -292,6 +292,77 @@ def _ipa(p: Poses) -> bytes:
     )
 
 
+_ALPHABET = [2, 1, 0, 3, 4, 5]
+"""The joints of a Universal Robots arm in the order of the alphabet, as drivers publish them."""
+
+
+def _plotjuggler(p: Poses) -> bytes:
+    """PlotJuggler's export: a column of each field, joints by name."""
+    names = [_UR[k] for k in _ALPHABET]
+    kinds = ("position", "velocity", "effort")
+    header = [f"/joint_states/{name}/{kind}" for kind in kinds for name in names]
+    rng = np.random.default_rng(1)
+    values = [p.q[:, _ALPHABET], rng.normal(0, 1e-4, p.q.shape), rng.normal(0, 5, p.q.shape), p.xyz_mm / 1e3]
+    return text(rows(*values), [*header, "/leica/point/x", "/leica/point/y", "/leica/point/z"])
+
+
+def _rostopic(p: Poses, named: bool = True) -> bytes:
+    """`rostopic echo -p` of a JointState, a tracker's places beside it."""
+    names = [f"field.name{k}" for k in range(6)] if named else []
+    header = ["%time", *names, *(f"field.position{k}" for k in range(6)), "x", "y", "z"]
+    order = [_UR[k] for k in _ALPHABET] if named else []
+    lines = [
+        [1_700_000_000_000_000_000 + 5_000_000_000 * k, *order, *q[_ALPHABET], *xyz]
+        for k, (q, xyz) in enumerate(zip(p.q, p.xyz_mm, strict=True))
+    ]
+    return text(lines, header)
+
+
+def _last_column(p: Poses) -> bytes:
+    """21 columns: currents, temperatures, and joint 6 the last."""
+    rng = np.random.default_rng(2)
+    header = ["Nr", "Temp1", "Temp2", "X", "Y", "Z", "A", "B", "C", *(f"I{k}" for k in range(1, 7))]
+    turns = p.turn.as_euler("ZYX", degrees=True)
+    more = [
+        np.arange(len(p.q))[:, None],
+        rng.normal(22, 0.1, (len(p.q), 2)),
+        p.xyz_mm,
+        turns,
+        rng.normal(0, 2, p.q.shape),
+    ]
+    return text(rows(*more, np.degrees(p.q)), [*header, *(f"J{k}" for k in range(1, 7))])
+
+
+def _mirrored(p: Poses) -> bytes:
+    return text(rows(np.degrees(p.q), p.xyz_mm * [1, -1, 1]), [*(f"q{k}" for k in range(1, 7)), "x", "y", "z"])
+
+
+def _backwards(p: Poses) -> bytes:
+    signs = np.array([1, 1, 1, 1, -1, 1])
+    return text(rows(np.degrees(p.q) * signs, p.xyz_mm), [*(f"q{k}" for k in range(1, 7)), "x", "y", "z"])
+
+
+def _comma_cells(p: Poses) -> bytes:
+    """A workbook whose cells are text with decimal commas."""
+    import openpyxl  # noqa: PLC0415 - an extra
+
+    book = openpyxl.Workbook()
+    book.active.append([*(f"q{k}" for k in range(1, 7)), "x", "y", "z"])
+    for row in rows(np.degrees(p.q), p.xyz_mm):
+        book.active.append([f"{value:.6f}".replace(".", ",") for value in row])
+    data = io.BytesIO()
+    book.save(data)
+    return data.getvalue()
+
+
+def _computed(p: Poses, rig: str) -> bytes:
+    """Places of the flange that the controller computed by its own constants."""
+    own = none()
+    own.offset[1:4], own.a[2] = np.radians([0.05, -0.08, 0.03]), 0.8
+    _, places = flange(constants_of(rig), own, p.q)
+    return text(rows(np.degrees(p.q), places), [*(f"q{k}" for k in range(1, 7)), "x", "y", "z"])
+
+
 def foreign_tables() -> list[Foreign]:
     """Every table: the measured ones, then those in the format of one."""
     return [*_measured(), *in_format(poses())]
@@ -331,6 +402,7 @@ def in_format(p: Poses, rig: str = "ur10e") -> list[Foreign]:
         text(rows(np.degrees(p.q)), angles),
         text(rows(p.xyz_mm, p.turn.as_euler("xyz", degrees=True)), ["x", "y", "z", "rx", "ry", "rz"]),
     )
+    headless = {"j.csv": text(rows(np.degrees(p.q))), "p.csv": text(rows(p.xyz_mm))}
     by_row, by_time = ("--join", "rows"), ("--join", "timestamp")
     leica = {"Leica.csv": _leica(p), "theta.xlsx": workbook([f"theta{k}" for k in range(1, 7)], np.degrees(p.q))}
     return [
@@ -346,6 +418,44 @@ def in_format(p: Poses, rig: str = "ur10e") -> list[Foreign]:
         one("inches", "a tracker's points in inches, comments, a line of units", _inches),
         one("camera", "a camera on the tool: joints, tvec, rvec of a board", _camera),
         one("nist", "NIST's UR5: joints, and the pose that the robot computes", _nist, "one question", ("place",)),
+        *(
+            [
+                one("plotjuggler", "PlotJuggler: joints by name in the order of the alphabet", _plotjuggler),
+                one("rostopic", "rostopic echo -p: names beside positions", _rostopic),
+                one(
+                    "unnamed",
+                    "rostopic echo -p without the names",
+                    lambda p: _rostopic(p, False),
+                    "one question",
+                    ("joints",),
+                ),
+            ]
+            if rig == "ur10e"
+            else []
+        ),
+        one("last", "21 columns of which the last is joint 6", _last_column),
+        one("mirrored", "a left-handed frame", _mirrored, "one question", ("place",)),
+        one("backwards", "joint 5 counting the other way", _backwards, "one question", ("joints",)),
+        one("computed", "places that the controller computed", lambda p: _computed(p, rig), "not"),
+        Foreign(
+            "headless",
+            "joints in one file, places in another, neither with a header",
+            False,
+            "without a word",
+            headless,
+            rig=rig,
+            options=by_row,
+            truth=p,
+        ),
+        Foreign(
+            "commas",
+            "a workbook whose cells are text with decimal commas",
+            False,
+            "without a word",
+            {"t.xlsx": _comma_cells(p)},
+            rig=rig,
+            truth=p,
+        ),
         one("pairs", "hand-eye pairs without joints", _pairs, "not"),
         one("three", "three reflectors a pose and nine joints; no header", _three_targets, "not"),
         Foreign(

@@ -354,7 +354,7 @@ CASES = (
     *(Case(f"real-{kind}", _stranger(kind, 2, "real", laps), _LOOK)
       for kind, laps in (("healthy", "yaw-cw yaw-acw radial"), ("one_large", _LAPS),
                          ("foreign_large", "roll-cw roll-acw repeatability"), ("dirty", "yaw-cw roll-acw radial"))),
-    Case("history", _growing, ("history ur10e --data runs",), quick=True),
+    Case("history", _growing, ("history ur10e --runs runs",), quick=True),
     Case("plan-yaw", _nothing, ("plan ur10e --tests yaw --runs 1",)),
     Case("plan-targets", _nothing, ("plan paper-fanuc --tests radial,repeatability --runs 2",)),
     Case("plan-propose", _nothing, ("plan ur10e --tests yaw,radial --runs 1 --propose --minutes 20",)),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.inference.acts import Act, Against, Cost, NamingTest
 from analysis.inference.result import (
     Accuracy,
     BudgetPart,
@@ -110,6 +111,39 @@ def budget(effects: Sequence[Named]) -> tuple[BudgetPart, ...]:
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
+LOAD = Act(
+    "load",
+    "correction",
+    (0,),
+    4.2,
+    0.3,
+    "held_out",
+    2.1,
+    0.3,
+    Cost(0.0),
+    command=("correct", "FOUND/cell.yaml", "-o", "D"),
+)
+REPEAT = Act("measure", "few_runs", runs=3)
+APART = Act(
+    "measure", "rivals", (0,), cost=Cost(4.6, 2, 1),
+    test=NamingTest("circle of radius 140 mm", "an angle's effect grows with the radius", 12.3, 0.9999),
+)  # fmt: skip
+REPAIR = Act("repair", "fault", (0,), 4.1, 0.2, "held_out", 2.0, 0.2, effect=PLAY.effect, u=0.0011)
+REMASTER = Act(
+    "remaster", "fault", (0,), 2.6, 0.2, "held_out", 3.4, 0.2, effect=ZERO.effect, u=0.0041,
+    against=(Against("rivals", names=("link_geometry 5.a",)),),
+)  # fmt: skip
+ACTS: dict[Condition, tuple[Act, ...]] = {
+    "named": (REPAIR,),
+    "ambiguous": (APART, REMASTER),
+    "outside_library": (Act("mount", "unexplained"), REPAIR),
+    "undecided": (REPEAT,),
+    "uncalibrated": (LOAD,),
+    "nothing_unusual": (Act("none", "sound"),),
+    "not_testable_here": (Act("measure", "not_visible", command=("plan", "cell.yaml")),),
+}
+
+
 def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
     """A diagnosis of a condition, with everything that it can have unless `changed`."""
     known: dict[Condition, tuple[Named, ...]] = {
@@ -142,5 +176,6 @@ def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
         curves=(curve("yaw", "acw", 1), curve("yaw", "cw", 2), curve("roll", "acw", 3), curve("roll", "cw", 4)),
         maps=(sphere(),),
         seconds=1.84,
+        acts=ACTS[condition],
     )
     return replace(made, **changed)

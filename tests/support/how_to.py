@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -14,6 +17,8 @@ HOW_TO = ROOT / "docs" / "how-to"
 FOLDERS = ("rigs", "daq", "analysis", "dev", "docs", "tests")
 FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
 BIN = Path(sys.executable).parent
+PATIENCE_S = 550.0
+"""For what waits for ever: other work on the computer may take nearly all of it."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -22,17 +27,27 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 
 
-def run(tree: Path, *command: str, timeout_s: float = 100) -> subprocess.CompletedProcess[str]:
+def run(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
     """Run a command of the environment on the code of a tree."""
     env = os.environ | {"PYTHONPATH": str(tree), "XDG_RUNTIME_DIR": str(tree), "PATH": f"{BIN}:{os.environ['PATH']}"}
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
 
 
-def output(tree: Path, *command: str, timeout_s: float = 100) -> str:
+def output(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> str:
     """The output of such a command. Fails where the command does."""
     done = run(tree, *command, timeout_s=timeout_s)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+@contextmanager
+def checked_types() -> Generator[Path, None, None]:
+    """What mypy keeps of this tree, once it has ended: `scripts/test` runs it beside the tests, and holds this lock."""
+    lock = ROOT / ".pytest_cache" / "mypy.lock"
+    lock.parent.mkdir(exist_ok=True)
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield ROOT / ".mypy_cache"
 
 
 def followed(page: str, tree: Path) -> list[str]:
@@ -41,8 +56,9 @@ def followed(page: str, tree: Path) -> list[str]:
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", "corpus"))
     for name in FILES:
         shutil.copy(ROOT / name, tree)
-    if (checked_before := ROOT / ".mypy_cache").is_dir():  # the types of what the page leaves as it is
-        shutil.copytree(checked_before, tree / ".mypy_cache")
+    with checked_types() as cache:  # of what the page leaves as it is
+        if cache.is_dir():
+            shutil.copytree(cache, tree / ".mypy_cache")
     (copy,) = (block for block in blocks(page, "sh") if block.startswith("cp "))
     example = HOW_TO / copy.split()[2].removeprefix("docs/how-to/")
     new = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]
@@ -78,7 +94,7 @@ def checked(tree: Path, files: list[str]) -> None:
     python = [name for name in files if name.endswith(".py")]
     output(tree, "ruff", "check", "--no-cache", *python)
     output(tree, "ruff", "format", "--no-cache", "--check", *python)
-    output(tree, "mypy", *(name for name in python if not name.startswith("tests/")), timeout_s=300)
+    output(tree, "mypy", *(name for name in python if not name.startswith("tests/")))
 
 
 def commands(page: str, program: str) -> str:

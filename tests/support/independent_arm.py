@@ -78,6 +78,11 @@ def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
     return R, p
 
 
+def none() -> Wrong:
+    """An arm as its constants say."""
+    return Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+
+
 def healthy(rng: np.random.Generator) -> Wrong:
     return Wrong(
         *(rng.normal(0, HEALTHY[key], 6) for key in ("offset", "a", "alpha", "d")),
@@ -171,17 +176,17 @@ class Peer:
 def least_squares_fit(arm: Constants, poses: Seen, fit: str) -> Peer:
     """Constants and frame by Levenberg-Marquardt, all poses alike."""
     names = NAMES[fit]
-    none = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    right = none()
 
     def parts(x: Array) -> tuple[Wrong, Array]:
         values = {name: x[6 * k : 6 * k + 6] * _UNIT[name] for k, name in enumerate(names)}
-        return Wrong(**({key: getattr(none, key) for key in none.__dataclass_fields__} | values)), x[6 * len(names) :]
+        return Wrong(**({key: getattr(right, key) for key in right.__dataclass_fields__} | values)), x[6 * len(names) :]
 
     def left(x: Array) -> Array:
         wrong, frame = parts(x)
         return (_placed(arm, wrong, frame, poses.q) - poses.xyz_mm).ravel()
 
-    start = np.concatenate([np.zeros(6 * len(names)), _framed(arm, none, poses)])
+    start = np.concatenate([np.zeros(6 * len(names)), _framed(arm, right, poses)])
     found = least_squares(left, start, method="lm" if poses.xyz_mm.size >= len(start) else "trf")
     return Peer(*parts(found.x))
 

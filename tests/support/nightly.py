@@ -7,6 +7,9 @@ from typing import Any
 
 import pytest
 
+NIGHT_IS_OVER = "the night is over"
+"""Why a test of `scripts/dev nightly` is skipped after its last hour."""
+
 
 def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any], bool]) -> list[Any]:
     """Return parameters for `pytest.mark.parametrize`, a tuple being a case of several: those that are not among the

@@ -13,14 +13,18 @@ from analysis.traces.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter
 from rigs.load import load, load_hidden
+from rigs.schema.vocabulary import Direction
 
 WRONG = (100, 400)
 """Rows whose stamp of the robot's own clock is odd."""
 
 
-def recorded(runs: Path, stalls: Collection[int] = ()) -> Path:
+def recorded(
+    runs: Path, stalls: Collection[int] = (), *, label: Direction = "acw", part: float = 1.0, stands_s: float = 0.0
+) -> Path:
     """A yaw lap by Baumer gauges over TCP that answer within 1 ms, once take 3 and once 20; two stamps of the robot are
-    odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time."""
+    odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time. The recording of a lap
+    driven acw is labelled `label`, ends after a `part` of it, and then the robot stands for `stands_s`."""
     rig, text = load("ur10e")
     table = simulate(load_hidden("ur10e").within(rig), "yaw", "acw", 1)
     assert isinstance(table, CircleTable)
@@ -32,13 +36,17 @@ def recorded(runs: Path, stalls: Collection[int] = ()) -> Path:
         runs,
         name="lap",
         test="yaw",
-        direction="acw",
+        direction=label,
         rig_name="ur10e",
         rig_text=yaml.safe_dump(data),
         operator="",
         streams=streams,
     )
-    for k, at in enumerate(((5 + table.t_s) * 1e9).astype(int).tolist()):
+    driven = int(part * len(table.t_s))
+    beat_s = float(np.median(np.diff(table.t_s)))
+    more_s = table.t_s[driven - 1] + beat_s * np.arange(1, 1 + int(stands_s / beat_s))
+    rows = [*range(driven), *([driven - 1] * len(more_s))]
+    for k, at in zip(rows, ((5 + np.append(table.t_s[:driven], more_s)) * 1e9).astype(int).tolist(), strict=True):
         took = {300: 20_000_000, 600: 3_000_000}.get(k, 1_000_000)
         for g in (0, 1):
             begin, end = (at - 100_000_000, at) if k in stalls and g == 0 else (at - took // 2, at + took // 2)

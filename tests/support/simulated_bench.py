@@ -19,10 +19,10 @@ from daq import clock
 from daq.emulators import Motion
 from daq.protocol.conversation import Device
 from daq.service.daemon import Daemon
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import SimulatedClock
 from tests.support.bench import ByHand, Watched, rig_text
 from tests.support.command_line import ran
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import SimulatedClock
 
 _AFTERWARDS_S = 0.2
 """So much longer is recorded than the robot drives."""
@@ -49,7 +49,7 @@ class SimulatedBench(Watched):
         self.motion = ByHand()
         driven = motion or self.motion
         signal = getattr(driven, "signal", self.motion.signal)
-        self._make = partial(SimulatedCell, folder=folder, text=self.text, motion=driven, signal=signal)
+        self._make = partial(SimulatedCell.switched_on, folder=folder, text=self.text, motion=driven, signal=signal)
         self._make = partial(self._make, devices=devices, paced=paced)
         self._seed, self._options = seed, options
         self._ends = ExitStack()

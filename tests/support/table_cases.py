@@ -79,7 +79,8 @@ def _targets(test: TestName, n: int, rng: np.random.Generator) -> Rows:
 def _poses(q: Array) -> Rows:
     T = forward(arm_of(rig().robot), q)
     turns = texts_of(("rx_deg", "ry_deg", "rz_deg"), _rpy_deg(T[:, :3, :3]))
-    return {**joints(q), **texts_of(("x_mm", "y_mm", "z_mm"), T[:, :3, 3] + [3000.0, 10.0, -400.0]), **turns}
+    seen = T[:, :3, 3] + [3000.0, 10.0, -400.0] + np.random.default_rng(1).normal(0, 0.02, (len(q), 3))
+    return {**joints(q), **texts_of(("x_mm", "y_mm", "z_mm"), seen), **turns}
 
 
 def _rpy_deg(R: Array) -> Array:

@@ -8,13 +8,15 @@ from pathlib import Path
 
 from analysis.correction.programs import abb, fanuc, kuka, ur, yaskawa
 from analysis.correction.programs.numbers import Decimals
-from analysis.correction.programs.target import Parsed
+from analysis.correction.programs.target import Parsed, Texts
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.schema.vocabulary import Maker
 
 _MOST_BYTES = 10_000_000
 """A program with a hundred thousand targets is below it; controllers hold less."""
+_MOST_BESIDE = 500
+"""Programs of a controller's backup are some hundred."""
 _ENCODING = "latin-1"
 """Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
 _KNOWN = "give a program .script or .urscript (UR), .ls (FANUC), .src (KUKA), .mod (ABB) or .jbi (Yaskawa)"
@@ -22,29 +24,31 @@ _KNOWN = "give a program .script or .urscript (UR), .ls (FANUC), .src (KUKA), .m
 
 @dataclass(frozen=True)
 class Dialect:
-    """parse: the targets of the texts of a program; null: the tool and the frame that are nothing, by their names."""
+    """parse: the targets of the texts of a program; null: the tool and the frame that are nothing, by their names;
+    beside: the suffixes of files in the directory whose routines and data a program can use."""
 
     maker: Maker
-    parse: Callable[[tuple[str, ...]], Parsed]
+    parse: Callable[[Texts], Parsed]
     decimals: Decimals
     null_tools: tuple[str, ...] = ()
     null_frames: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 _UR = Dialect("ur", ur.parse, ur.DECIMALS, (), ("base",))
 _BY_SUFFIX = {
     ".script": _UR,
     ".urscript": _UR,
-    ".ls": Dialect("fanuc", fanuc.parse, fanuc.DECIMALS, ("0",), ("0",)),
-    ".src": Dialect("kuka", kuka.parse, kuka.DECIMALS, ("0",), ("0",)),
-    ".mod": Dialect("abb", abb.parse, abb.DECIMALS),
-    ".jbi": Dialect("yaskawa", yaskawa.parse, yaskawa.DECIMALS, (), ("base",)),
+    ".ls": Dialect("fanuc", fanuc.parse, fanuc.DECIMALS, ("0",), ("0",), (".ls",)),
+    ".src": Dialect("kuka", kuka.parse, kuka.DECIMALS, ("0",), ("0",), (".src", ".dat", ".sub")),
+    ".mod": Dialect("abb", abb.parse, abb.DECIMALS, beside=(".mod", ".sys")),
+    ".jbi": Dialect("yaskawa", yaskawa.parse, yaskawa.DECIMALS, (), ("base",), (".jbi",)),
 }
 
 
-def read_program(path: Path) -> tuple[Dialect, dict[str, str]]:
-    """Return the dialect and the texts of a program's files by their names, that of a KUKA with its .dat where there is
-    one. Raises FileError for what is no program."""
+def read_program(path: Path) -> tuple[Dialect, Texts]:
+    """Return the dialect and the texts of a program's files, of a KUKA with its .dat where there is one, and of those
+    beside it. Raises FileError for what is no program, and where too much stands beside it to be read."""
     dialect = _BY_SUFFIX.get(path.suffix.lower())
     if dialect is None:
         raise FileError(str(path), "is no robot program that is known here", _KNOWN)
@@ -54,7 +58,27 @@ def read_program(path: Path) -> tuple[Dialect, dict[str, str]]:
             if data.exists():
                 files[data.name] = _text(data)
                 break
-    return dialect, files
+    beside = _beside(path, dialect, set(files))
+    return dialect, Texts((*files, *beside), (*files.values(), *beside.values()), len(files))
+
+
+def _beside(path: Path, dialect: Dialect, names: set[str]) -> dict[str, str]:
+    """Return the texts of the files beside a program by their names."""
+    if not dialect.beside:
+        return {}
+    others = [
+        one
+        for one in sorted(path.resolve().parent.iterdir())
+        if one.suffix.lower() in dialect.beside and one.name not in names and one.is_file()
+    ]
+    if len(others) > _MOST_BESIDE or sum(one.stat().st_size for one in others) > _MOST_BYTES:
+        raise FileError(
+            str(path.parent),
+            f"has more than {_MOST_BESIDE} files, or {_MOST_BYTES // 1_000_000} MB, that the program could use",
+            "put the program with the files that it uses into a directory of its own",
+        )
+    data = {one.name: read_bytes(one, _MOST_BYTES) for one in others}
+    return {name: found.decode(_ENCODING) for name, found in data.items() if b"\0" not in found}
 
 
 def as_bytes(text: str) -> bytes:

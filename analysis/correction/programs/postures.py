@@ -2,18 +2,19 @@
 
 A pose has up to eight postures, and the correction differs from one to another; so a target without a certain posture
 is left. Certain are, in this order: joint angles that the program names beside the pose (UR's qnear), flags of posture
-that exactly one solution has, and the way from the target before it in the same block, along which the arm keeps its
-posture.
+that exactly one solution has, and the ways from all targets from which a move leads to it, along which the arm keeps
+its posture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from analysis.correction.programs.flags import agreeing
-from analysis.correction.programs.target import Reason, Step, Target
+from analysis.correction.programs.target import Reason, Step, Target, Way
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
@@ -101,46 +102,77 @@ def _along(
     q: Array,
     reasons: dict[int, Reason],
 ) -> None:
-    """Go through the moves in the order of the text, and take postures from the target before where nothing else says
-    them."""
-    stands: Array | None = None
-    by_way: set[int] = set()
-    anywhere: set[int] = set()
-    for step in steps:
-        k = step.target
-        if k is None:
-            stands = None
+    """Take postures from the targets before where nothing else says them, and leave those to which not every way leads
+    in one posture."""
+    ways = _Ways(arm, poses, branches, q)
+    free = {k for k, one in enumerate(targets) if not one.joints and one.near is None and one.flags is None}
+    waiting = [step for step in steps if step.target in free and step.target in branches]
+    solved_some = True
+    while solved_some:
+        solved_some, still = False, []
+        for step in waiting:
+            k = step.target
+            sources = [one for one in step.comes_from if one is not None and ways.stands(one) and one not in reasons]
+            if ways.stands(k) or k in reasons:
+                continue
+            if not sources:
+                still.append(step)
+                continue
+            there = ways.reached(min(sources), k, step.way)
+            _take(q, reasons, k, there)
+            solved_some = True
+        waiting = still
+    bad: dict[int, Reason] | None = None
+    while bad is None or bad:
+        bad = {}
+        for step in steps:
+            if step.target not in reasons and (why := _not_the_same(ways, step, free, reasons)):
+                bad[step.target] = why
+        reasons.update(bad)
+
+
+@dataclass
+class _Ways:
+    """Where the arm arrives from one target at another, computed once; q (n, 6) rad are filled in meanwhile."""
+
+    arm: Arm
+    poses: Array
+    branches: dict[int, Array | Reason]
+    q: Array
+    known: dict[tuple[int, int, Way], Array | Reason] = field(default_factory=dict)
+
+    def stands(self, k: int) -> bool:
+        return bool(np.isfinite(self.q[k]).all())
+
+    def reached(self, source: int, k: int, way: Way) -> Array | Reason:
+        key = (source, k, way)
+        if key not in self.known:
+            found = self.branches[k]
+            assert not isinstance(found, str)  # noqa: S101 - those have a reason already
+            self.known[key] = _reached(self.arm, self.q[source], self.poses[k], found, linear=way == "line")
+        return self.known[key]
+
+
+def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
+    """Return why a move does not arrive at its target in the posture for which that is corrected."""
+    k = step.target
+    if k not in ways.branches or not ways.stands(k):  # joint angles, or without a posture
+        return None
+    by_way = k in free or not step.by_flags
+    for source in step.comes_from:
+        if source is None or source in reasons or not ways.stands(source):
+            if by_way:
+                return "no_posture"
             continue
-        target = targets[k]
-        free = not target.joints and target.near is None and target.flags is None
-        found = branches.get(k)
-        if free and stands is not None and found is not None and not isinstance(found, str) and k not in reasons:
-            there = _reached(arm, stands, poses[k], found, linear=step.way == "line")
-            if isinstance(there, str):
-                if k not in by_way:
-                    reasons[k] = there
-            elif k in by_way and np.abs(q[k] - there).max() > _SAME_RAD:
-                reasons[k] = "two_postures"
-            else:
-                q[k] = there
-                by_way.add(k)
-        elif free and stands is None:
-            anywhere.add(k)
-        elif _turned_over(arm, step, stands, poses[k], found, q[k]):
-            reasons[k] = "two_postures"
-        stands = q[k] if k not in reasons and np.isfinite(q[k]).all() else None
-    reasons.update(dict.fromkeys(by_way & anywhere, "two_postures"))
-
-
-def _turned_over(
-    arm: Arm, step: Step, stands: Array | None, pose: Array, found: Array | Reason | None, q: Array
-) -> bool:
-    """Whether a line from angles `stands` (6,) rad leads to another posture at a pose (4, 4) than q (6,) rad: then the
-    flags are not those with which the arm arrives."""
-    if step.way != "line" or stands is None or found is None or isinstance(found, str) or not np.isfinite(q).all():
-        return False
-    there = _reached(arm, stands, pose, found, linear=True)
-    return not isinstance(there, str) and bool(np.abs(np.sin((there - q) / 2)).max() > _SAME_RAD)
+        if not by_way and step.way != "line":
+            continue
+        there = ways.reached(source, k, step.way)
+        if isinstance(there, str):
+            if by_way:
+                return there
+        elif np.abs(np.sin((there - ways.q[k]) / 2) if not by_way else there - ways.q[k]).max() > _SAME_RAD:
+            return "two_postures"
+    return None
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, found: Array, *, linear: bool) -> Array | Reason:

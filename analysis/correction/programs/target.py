@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
+from analysis.correction.programs.machine import Unknown
 from analysis.kinematics.arm import Array
 from rigs.schema.vocabulary import Maker
 
@@ -23,6 +24,12 @@ Reason = Literal[
     "not_literal",
     "changed",
     "offset",
+    "displaced",
+    "tracked",
+    "external_tcp",
+    "coordinated",
+    "switched",
+    "not_understood",
     "unused",
     "external_axes",
     "incomplete",
@@ -45,7 +52,13 @@ WHY: dict[Reason, str] = {
     "computed": "is computed by the program",
     "not_literal": "is not a point with numbers in this program",
     "changed": "is also used, or assigned, elsewhere in the program",
-    "offset": "is an offset from a point: it moves with the point's correction and has none of its own",
+    "offset": "is used with an offset that is not known, or whose place needs another correction than the point",
+    "displaced": "is moved by a displacement that is active there",
+    "tracked": "is followed on a conveyor, or moved by a sensor or a force, there",
+    "external_tcp": "is reached with a tool that stands outside of the robot",
+    "coordinated": "is coordinated with another axis or robot there",
+    "switched": "is read otherwise there, after a switch of the language",
+    "not_understood": "is reached after something that is not understood, which may move or change anything",
     "unused": "is not the target of any move that was understood",
     "external_axes": "has external axes, or a second group",
     "incomplete": "does not have all six numbers",
@@ -53,7 +66,7 @@ WHY: dict[Reason, str] = {
     "several_frames": "is used with several tools or frames",
     "unknown_tool": "is in a tool that is not known: give --tool",
     "unknown_frame": "is in a frame that is not known: give --frame",
-    "no_posture": "has no posture that is certain: nothing before it in the same block says how the arm stands",
+    "no_posture": "has no posture that is certain: not every way that leads to it says how the arm stands",
     "ambiguous": "can be reached in several postures, and the program does not say clearly which",
     "other_flags": "has flags of posture that no solution of the nominal arm has",
     "two_postures": "is reached in two postures, which need two corrections",
@@ -67,6 +80,8 @@ WHY: dict[Reason, str] = {
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
+_MARK = "\xef\xbb\xbf"
+"""The byte order mark of UTF-8, read as Latin-1."""
 _FILLED = re.compile(r"[^\n]")
 
 
@@ -95,7 +110,8 @@ class Flags:
 class Target:
     """A target with numbers. `file` counts the program's files; `numbers` stand in the order of the form, whatever
     their order in the text. `tool` and `frame` are frames (4, 4) in mm, or the program's name for one; `near` (6,) rad
-    are joint angles beside which the program says that the solution lies."""
+    are joint angles beside which the program says that the solution lies. A target with an `offset` stands at another
+    one, number `of`, with that added: in the frame, or in the tool, as a frame (4, 4) in mm."""
 
     name: str
     file: int
@@ -106,6 +122,8 @@ class Target:
     frame: Array | str = ""
     flags: Flags | None = None
     near: tuple[float, ...] | None = None
+    offset: tuple[str, Array] | None = None
+    of: int | None = None
 
     @property
     def joints(self) -> bool:
@@ -115,30 +133,59 @@ class Target:
 
 @dataclass(frozen=True)
 class Left:
-    """What was left as it stood: its place in the program, a name, and why."""
+    """What was left as it stood: its place in the program, a name, why, and the places that make it so."""
 
     file: int
     line: int
     name: str
     reason: Reason
+    because: tuple[Unknown, ...] = ()
 
 
 @dataclass(frozen=True)
 class Step:
-    """A move to a target, given by its place in the list, or None: after it nothing is known of where the arm
-    stands."""
+    """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
+    certain place; by its flags of posture, or else in the posture in which the arm comes."""
 
-    target: int | None
+    target: int
+    comes_from: frozenset[int | None]
     way: Way = "joint"
+    by_flags: bool = True
 
 
 @dataclass(frozen=True)
 class Parsed:
-    """The targets of a program, its moves in the order of the text, and what cannot be corrected."""
+    """The targets of a program, its moves, and what cannot be corrected. `next_to_left` are the targets that are next
+    to a point that is left, one for each such move; `sets` are the tools and frames to which the program itself gives
+    numbers."""
 
     targets: tuple[Target, ...]
     steps: tuple[Step, ...]
     left: tuple[Left, ...]
+    next_to_left: tuple[int, ...] = ()
+    sets: tuple[Named, ...] = ()
+
+
+@dataclass(frozen=True)
+class Named:
+    """A tool or frame that the program gives the numbers of a frame (4, 4) in mm, under the name with which a person
+    could state it."""
+
+    name: str
+    kind: Literal["tool", "frame"]
+    file: int
+    line: int
+    value: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The texts of a program's files with their names; the first `own` are corrected, the others stand beside them in
+    the directory, and are read for what they do."""
+
+    names: tuple[str, ...]
+    texts: tuple[str, ...]
+    own: int = 1
 
 
 def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number, ...] | None:
@@ -197,123 +244,6 @@ def _stripped(text: str, begin: int, end: int) -> tuple[int, int]:
     return begin + len(inside) - len(inside.lstrip()), end - len(inside) + len(inside.rstrip())
 
 
-@dataclass
-class _Point:
-    """A declared point and how the program uses it."""
-
-    target: Target | None
-    left: Left
-    uses: int = 0
-    offsets: int = 0
-    changed: bool = False
-    by_flags: bool = False
-    places: frozenset[str] = frozenset()
-
-
-class Gathered:
-    """The points and moves of a program while it is read; points of one name are one target, however often used."""
-
-    def __init__(self) -> None:
-        self._points: dict[str, _Point] = {}
-        self._steps: list[tuple[str | None, Way]] = []
-        self._left: list[Left] = []
-
-    def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
-        """Take a point; with a reason it can be moved to, and cannot be corrected."""
-        left = Left(target.file, target.line, target.name, reason or "unused")
-        if key in self._points:
-            self._points[key].changed = True
-        else:
-            self._points[key] = _Point(None if reason else target, left)
-
-    def knows(self, key: str) -> bool:
-        """Whether there is a point of this name."""
-        return key in self._points
-
-    def change(self, key: str) -> None:
-        """State that the program uses a point otherwise than as a target."""
-        self._points[key].changed = True
-
-    def move(
-        self,
-        key: str,
-        way: Way,
-        left: Left,
-        *,
-        tool: Array | str | None = None,
-        frame: Array | str | None = None,
-        near: tuple[float, ...] | None = None,
-        by_flags: bool = True,
-    ) -> None:
-        """Take a move to a point. `left` is what is listed where there is no such point. `tool` and `frame` are those
-        (4, 4) of this move, where the point does not name them itself; without `by_flags` its flags do not count."""
-        point = self._points.get(key)
-        if point is None:
-            self.leave(left)
-            return
-        point.uses += 1
-        point.by_flags |= by_flags
-        if point.target:
-            old = point.target
-            target = replace(
-                old,
-                tool=old.tool if tool is None else tool,
-                frame=old.frame if frame is None else frame,
-                near=old.near if near is None else near,
-            )
-            # Frames are compared as text, since an array has no order and no single truth.
-            point.places |= {repr((_shown(target.tool), _shown(target.frame)))}
-            point.target = target
-        self._steps.append((key, way))
-
-    def offset(self, key: str, left: Left) -> None:
-        """Take a move to a place that is given by a point and an offset."""
-        if key in self._points:
-            self._points[key].offsets += 1
-        self.leave(left)
-
-    def leave(self, left: Left) -> None:
-        """List a move that cannot be corrected; after it the arm stands anywhere."""
-        self._left.append(left)
-        self.stop()
-
-    def stop(self) -> None:
-        """State that the arm may stand anywhere from here on: a jump, a call, another block."""
-        if not self._steps or self._steps[-1][0] is not None:
-            self._steps.append((None, "joint"))
-
-    def parsed(self, silent: frozenset[str] = frozenset()) -> Parsed:
-        """Return the result; unused points of the names `silent` are not listed."""
-        targets: list[Target] = []
-        places: dict[str, int] = {}
-        for key, point in self._points.items():
-            target = point.target
-            reason = _why_left(point)
-            if target and not reason:
-                places[key] = len(targets)
-                targets.append(target if point.by_flags else replace(target, flags=None))
-            elif point.uses or point.offsets or (point.left.reason != "unused") or key not in silent:
-                self._left.append(replace(point.left, reason=reason or point.left.reason))
-        steps = tuple(Step(None if key is None else places.get(key), way) for key, way in self._steps)
-        return Parsed(tuple(targets), steps, tuple(sorted(self._left, key=lambda one: (one.file, one.line))))
-
-
-def _why_left(point: _Point) -> Reason | None:
-    if point.target is None:
-        return point.left.reason
-    if point.changed:
-        return "changed"
-    if not point.uses:
-        return "offset" if point.offsets else "unused"
-    if len(point.places) > 1 and not point.target.joints:
-        return "several_frames"
-    return None
-
-
-def _shown(frame: Array | str) -> str:
-    return frame if isinstance(frame, str) else repr(frame.tolist())
-
-
 @dataclass(frozen=True)
 class Lines:
     """The line numbers of places in a text, from 1; `ends` are where its lines end."""
@@ -328,3 +258,16 @@ class Lines:
 def lines_of(text: str) -> Lines:
     """Return the lines of a text."""
     return Lines(tuple(match.start() for match in re.finditer("\n", text)))
+
+
+def words(text: str) -> frozenset[str]:
+    """Return the words of a closed list."""
+    return frozenset(text.split())
+
+
+def with_newlines(text: str) -> str:
+    """Return a text of the same length whose lines end in a newline alone, whatever they end in: a return before a
+    newline becomes a space, and so does the mark of UTF-8 at the beginning."""
+    if text.startswith(_MARK):
+        text = " " * len(_MARK) + text[len(_MARK) :]
+    return text.replace("\r\n", " \n").replace("\r", "\n")

@@ -1,4 +1,4 @@
-"""The error of a robot before and after its correction, as measured on the robot itself."""
+"""The error of a robot before and after its correction: what it was, is, was expected to be, and over the work."""
 
 from __future__ import annotations
 
@@ -17,9 +17,47 @@ class Side:
 
 
 @dataclass(frozen=True)
+class Expectation:
+    """What a correction was expected to leave, µm rms, with its standard uncertainty."""
+
+    um: float
+    u_um: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One place: the error before and after, None where nothing was driven afterwards, and what was expected."""
+
+    place: Literal["same", "elsewhere"]
+    before: Side
+    after: Side | None
+    expected: Expectation | None
+
+
+@dataclass(frozen=True)
 class BeforeAfter:
-    """What was corrected, and the error before and after on the same circle, and at a place that was not used; None
-    where nothing was driven afterwards."""
+    """What was corrected, by what, and the error before and after on the same circle and at the other place.
+
+    way: the tense and the words of the page follow from it. work: the error over the work of the rig file without and
+    with the correction, and the standard uncertainty of the model there, µm rms, None where nothing was corrected.
+    judged: what the other place said of the model before its runs joined the last diagnosis, µm rms before and with it;
+    None where none judged. own_programs: the command that corrects programs of the reader's own.
+    """
 
     correction: str
-    rows: tuple[tuple[Literal["same", "elsewhere"], Side, Side | None], ...]
+    way: Literal["entries", "programs", "none"]
+    rows: tuple[Row, ...]
+    work: tuple[float, float, float] | None = None
+    judged: tuple[float, float] | None = None
+    joined: int = 0
+    own_programs: str = ""
+
+    @property
+    def driven(self) -> tuple[Side, Side] | None:
+        """The error before and after on the same circle; None where nothing was driven afterwards."""
+        return next(((row.before, row.after) for row in self.rows if row.place == "same" and row.after), None)
+
+    @property
+    def elsewhere(self) -> tuple[Side, Side] | None:
+        """The same at the other place."""
+        return next(((row.before, row.after) for row in self.rows if row.place == "elsewhere" and row.after), None)

@@ -7,7 +7,7 @@ so that both show the same.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -51,7 +51,7 @@ LOOKS: dict[Role, Look] = {
 @dataclass(frozen=True)
 class Line:
     """Values y (n,) at x (n,), as a line or as points; half (n,): half of the range that a bar shows, where there is
-    one."""
+    one; steps (steps, n): the values at each step of a chart that is stepped through, of which y is the last."""
 
     name: str
     role: Role
@@ -59,6 +59,7 @@ class Line:
     y: Array
     points: bool = False
     half: Array | None = None
+    steps: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,26 @@ class Chart:
     marks: tuple[Mark, ...] = ()
     shaded: tuple[tuple[float, float], ...] = ()
     ticks: tuple[tuple[float, str], ...] = ()
+    panels: tuple[str, ...] = ()
+    """Names of the steps, for the one picture of which paper shows each step."""
+
+    @property
+    def steps(self) -> int:
+        """How many steps there are to go through; 0 where the picture has none."""
+        return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
+
+    def at_step(self, step: int) -> Chart:
+        """The picture at a step."""
+        lines = [line if line.steps is None else replace(line, y=line.steps[step], steps=None) for line in self.lines]
+        return replace(self, lines=tuple(lines))
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """From where to where the values of all steps go, with some room."""
+        every = [line.y if line.steps is None else line.steps for line in self.lines]
+        low, high = min(float(one.min()) for one in every), max(float(one.max()) for one in every)
+        room = 0.06 * max(high - low, 1e-9)
+        return low - room, high + room
 
     @property
     def largest(self) -> float:

@@ -58,12 +58,17 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     order = np.argsort(lap.phi % (2 * np.pi))
     phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
     at_deg = np.arange(0.0, 360.0, _EACH_DEG)
-    lines = []
+    lines, squares = [], []
     for axis, role in enumerate(_JOINT_ROLES):
         whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
         if not whole_turn:  # a joint that goes round with the circle would hide the others
             curve = np.interp(at_deg, phi_deg, q[:, axis])
             lines.append(Line(f"J{axis + 1} {names[axis]}", role, at_deg, curve - curve.mean()))
+            at = [one.phi_deg for one in group[0].reversals if one.joint == axis + 1]
+            squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
+    if squares:
+        phi, angle_deg = np.array(squares).T
+        lines.append(Line(texts("turns_back"), "model", phi, angle_deg, points=True))
     caption = texts("caption_joints")
     return Chart(
         texts("chart_joints"),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
+from analysis.reporting.run_words import figure_in_words
 from analysis.reporting.texts import Texts
 
 _UNPLACED_DEG = 15.0
@@ -43,4 +44,4 @@ def shown(name: str, figure: Quantity, texts: Texts) -> str:
     """A figure as people read it: rounded to two digits of its u; a place that may be anywhere is said to be so."""
     if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
         return texts("no_place")
-    return str(figure)
+    return figure_in_words(name, figure)

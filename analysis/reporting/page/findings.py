@@ -1,4 +1,4 @@
-"""The faults that a diagnosis found, in sentences: what is wrong, where it shows, what to do, and what that removes."""
+"""The faults that a diagnosis found, in sentences: what is wrong, where it shows, and what it makes of the error."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from analysis.inference.result import Diagnosis, Named, Rival
 from analysis.reporting.answer_words import AnswerWords, part_of
-from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, remedy, size, sure
+from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, size, sure
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect
 from rigs.schema.vocabulary import CIRCLES
@@ -19,15 +19,13 @@ _SAME_DEG = 15.0
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault in sentences: what is wrong and how much, where it shows, what it makes of the error, what it could be
-    instead or together with, what to do (the effect's own words), and what that alone removes."""
+    """One fault in sentences: what is wrong and how much, where it shows, what it makes of the error, and what it could
+    be instead or together with. What to do stands in the acts."""
 
     what: str
     where: str
     share: str
     others: tuple[str, ...]
-    remedy: str
-    removes: str
     sure: str
 
 
@@ -47,8 +45,6 @@ def _finding(found: Diagnosis, one: Named, texts: Texts) -> Finding:
         where=_where(found, one, texts),
         share=_share(found, one, texts),
         others=tuple(others),
-        remedy=remedy(one),
-        removes=_removes(found, one, texts),
         sure=texts("sure", share=sure(one.posterior)),
     )
 
@@ -86,17 +82,6 @@ def _share(found: Diagnosis, one: Named, texts: Texts) -> str:
     if part is None or not math.isfinite(part.um):
         return ""
     return texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
-
-
-def _removes(found: Diagnosis, one: Named, texts: Texts) -> str:
-    """What the error falls to if this fault alone is removed; empty where that is not known."""
-    before, after = found.train.before_um, one.alone_um
-    if not (math.isfinite(before) and math.isfinite(after)):
-        return ""
-    before_words, after_words = micrometres(before), micrometres(after)
-    if after >= before or before_words == after_words:
-        return texts("alone_nothing", after=after_words)
-    return texts("alone", before=before_words, after=after_words)
 
 
 def diagnosis_words(found: Diagnosis) -> str:

@@ -48,6 +48,8 @@ def _chart(chart: Chart) -> dict[str, Any]:
         layout["yaxis"] |= {"scaleanchor": "x"}
     if chart.frame == "straight":
         layout["xaxis"] |= {"range": [0, 360], "dtick": 30, "ticksuffix": "°"}
+    if chart.steps:
+        layout["yaxis"] |= {"range": list(chart.reach)}
     if chart.ticks:
         layout["xaxis"] |= {"tickvals": [at for at, _ in chart.ticks], "ticktext": [name for _, name in chart.ticks]}
     data = [_trace(line, chart.unit) for line in chart.lines]
@@ -67,6 +69,8 @@ def _trace(line: Line, unit: str) -> dict[str, Any]:
         "marker": {"symbol": look.symbol, "size": 7},
         "hovertemplate": f"%{{y:.4~g}} {unit}",
     }
+    if line.steps is not None:
+        trace["steps"] = [_numbers(values) for values in line.steps]
     if line.half is not None:
         trace["error_y"] = {"type": "data", "array": _numbers(line.half), "thickness": 1}
     return trace

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from analysis.reporting.diagnosis_curves import Strand, strands_of
 from analysis.reporting.diagnosis_words import whole_lap
 from analysis.reporting.page.chart import Chart, Line, marks_of, stretches
 from analysis.reporting.page.report import Report
+from analysis.reporting.stairs import stairs_of
 from analysis.reporting.texts import Texts
 
 _MOST_MAPS = 3
@@ -72,28 +74,36 @@ def _means(runs: Sequence[Comparison], title: str) -> tuple[Array, Array, Array]
 
 
 def diagnosis_charts(found: Diagnosis, texts: Texts) -> list[Chart]:
-    """The gap between readings and model, before the effects and after: along the circles, and at targets."""
+    """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
+    stairs = stairs_of(found, texts)
     strands, _ = strands_of(found)
-    effects = bool(found.standing)
-    circles = [_of_circle(strand, texts, effects=effects) for strand in strands]
-    return [*circles, *(_of_targets(one, texts, effects=effects) for one in found.maps[:_MOST_MAPS])]
+    charts = [_of_circle(strand, texts) for strand in strands]
+    if stairs and charts:
+        charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
+    steps = found.staircase.maps if found.staircase else [np.array([one.before_um]) for one in found.maps]
+    return [*charts, *(_of_targets(*both, texts) for both in list(zip(found.maps, steps, strict=True))[:_MOST_MAPS])]
 
 
-def _of_circle(strand: Strand, texts: Texts, *, effects: bool) -> Chart:
-    lines = [Line(texts("gap_before"), "measured", strand.phi_deg, strand.before_um)]
-    lines += [Line(texts("gap_after"), "after", strand.phi_deg, strand.after_um)] if effects else []
+def _of_circle(strand: Strand, texts: Texts) -> Chart:
+    """Measured, simulated with the parts so far, and what is left; without steps, what is left alone."""
+    steps, x = strand.steps_um, strand.phi_deg
+    so_far = steps[0] - steps
+    lines = [Line(texts("measured"), "measured", x, steps[0])]
+    if len(steps) > 1:
+        lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
+        lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
     marks = marks_of(strand.curve.turns)
     shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places if not whole_lap(place)])
     return Chart(
-        texts("chart_gap", what=strand.title), texts("caption_gap"), "straight", texts("circle_angle"),
-        f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
+        texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=strand.title), texts("caption_step"),
+        "straight", texts("circle_angle"), f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
     )  # fmt: skip
 
 
-def _of_targets(one: Map, texts: Texts, *, effects: bool) -> Chart:
+def _of_targets(one: Map, steps_um: Array, texts: Texts) -> Chart:
     x = np.arange(1.0, len(one.before_um) + 1)
-    lines = [Line(texts("gap_before"), "measured", x, one.before_um, points=True)]
-    lines += [Line(texts("gap_after"), "after", x, one.after_um, points=True)] if effects else []
+    lines = [Line(texts("gap_before"), "measured", x, steps_um[0], points=True)]
+    if len(steps_um) > 1:
+        lines.append(Line(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
     title, y_label = texts("chart_gap", what=one.test), f"{texts('gap')} / µm"
-    caption = texts("caption_gap_targets")
-    return Chart(title, caption, "targets", texts("reading_number"), y_label, "µm", tuple(lines))
+    return Chart(title, texts("caption_gap_targets"), "targets", texts("reading_number"), y_label, "µm", tuple(lines))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
+from analysis.files.existing import refuse_foreign
 from daq.store import durable
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
@@ -28,7 +29,9 @@ def is_pdf(file: Path) -> bool:
 
 
 def hold_pdf(file: Path) -> None:
-    """Raise CellError where no PDF can be written, with what to do; before the minutes that a diagnosis takes."""
+    """Raise CellError where no PDF can be written, with what to do, and FileError where one is there that rig did not
+    make; before the minutes that a diagnosis takes."""
+    refuse_foreign(file)
     _weasyprint(file)
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose
+from analysis.api import Compared, Diagnosis, Measured, Result, RigError, diagnose
+from analysis.inference.compare import compare
 from analysis.measures.path import PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.touch import TouchResult
+from analysis.reporting.extended_rig import calibration_file
 from analysis.reporting.page.before_after import BeforeAfter
+from rigs.calibration import CalibratedModel
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -17,7 +20,7 @@ from rigs.rig import Rig
 @dataclass(frozen=True)
 class Report:
     """Runs of one robot, evaluated. rig: the model and the limits; simulated: the runs beside the model; corrected:
-    beside the model with the effects found, None where nothing was found; undiagnosed: why there is no diagnosis;
+    beside the model with all parts that were found, None where there are none; undiagnosed: why there is no diagnosis;
     left_out: the errors of runs that could not be evaluated."""
 
     rig: Rig
@@ -63,9 +66,14 @@ def gather(
             undiagnosed = str(error)
     progress("simulating the runs")
     simulated, corrected = _compared(results, model), None
-    if found is not None and found.standing:
-        corrected = _compared(results, found.extended_rig)
+    if found is not None and found.calibrated is not None:
+        corrected = _compared(results, _calibrated_rig(found, found.calibrated))
     return Report(model, tuple(results), simulated, corrected, found, undiagnosed, tuple(map(str, left_out)), after)
+
+
+def _calibrated_rig(found: Diagnosis, content: CalibratedModel) -> Rig:
+    """The rig with everything that a diagnosis found: the faults by name, and the rest as its calibration."""
+    return found.extended_rig.with_calibration(calibration_file("found.calibration.json", content.content), content)
 
 
 def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:

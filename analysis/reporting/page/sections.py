@@ -19,7 +19,7 @@ from analysis.reporting.page.columns import Column, columns_of, shown
 from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.target_charts import target_charts
-from analysis.reporting.run_words import lag_in_words, what_u_is
+from analysis.reporting.run_words import eccentricities_in_words, lag_in_words, what_u_is
 from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import TestName
 
@@ -110,6 +110,7 @@ def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
 def _remarks(group: Sequence[Result]) -> tuple[str, ...]:
     """What u means here, and what was seen of lags and pairs."""
     lines = [what_u_is(group, [one for one in pooled(group) if one.figures]), *lag_in_words(pairs_of(group), group)]
+    lines += eccentricities_in_words(group)
     return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
 
 

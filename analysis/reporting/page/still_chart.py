@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from typing import Any
 
 import matplotlib as mpl
@@ -17,7 +18,7 @@ from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 
 from analysis.kinematics.arm import Array
-from analysis.reporting.page.chart import LOOKS, Chart, Line, Picture, SphereChart
+from analysis.reporting.page.chart import LOOKS, Chart, Frame, Line, Picture, SphereChart
 from analysis.reporting.sheet import Sheet
 
 _GREY, _RULE, _SHADE = "#6b6b6b", "#dddddd", "#f2c14e"
@@ -26,11 +27,15 @@ _SYMBOLS = {"circle": "o", "square": "s", "diamond": "D"}
 _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
+_HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
+"""Chosen: three straight pictures and a pair around the circle fit on a page of A4."""
 _MOST_NODES = 360
 """Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
 _WIDEST = 45
 """Letters of all names that stand in one line below a picture."""
+_PANEL_LETTERS = 62
+"""Letters of a step's name in a line above its panel."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -64,8 +69,41 @@ def _tenths(number: re.Match[str]) -> str:
 def _chart(chart: Chart) -> Sheet:
     if chart.frame == "polar":
         return _polar(chart)
-    sheet = Sheet(6.9, 4.2 if chart.frame == "plane" else 2.5)
+    if chart.panels:
+        return _panels(chart)
+    sheet = Sheet(6.9, _HEIGHTS_INCH[chart.frame])
     axes: Axes = sheet.subplots()
+    _lay_out(axes, chart)
+    _legend(sheet, chart)
+    return sheet
+
+
+def _panels(chart: Chart) -> Sheet:
+    """Each step of a picture that is stepped through, in the same scale."""
+    rows = -(-len(chart.panels) // 2)
+    sheet = Sheet(6.9, 0.5 + 1.45 * rows)
+    panels = sheet.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
+    for step, (name, axes) in enumerate(zip(chart.panels, panels, strict=False)):
+        _lay_out(axes, chart.at_step(step), shared=True)
+        axes.set_title(textwrap.fill(f"{step}  {name}", _PANEL_LETTERS), fontsize=7, loc="left")
+        axes.set_ylim(*chart.reach)
+    for axes in panels[len(chart.panels) :]:
+        axes.set_axis_off()
+    for axes in panels[-2:]:
+        axes.set_xlabel(chart.x_label)
+    sheet.supylabel(chart.y_label, fontsize=8)
+    _legend(sheet, chart)
+    return sheet
+
+
+def _legend(sheet: Sheet, chart: Chart) -> None:
+    wide = sum(len(line.name) for line in chart.lines) > _WIDEST
+    drawn = sheet.axes[0].get_legend_handles_labels()
+    sheet.legend(*drawn, loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
+
+
+def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
+    """Draw the lines of a picture, its marks and its axes; shared: the labels of axes stand beside all panels."""
     for line in chart.lines:
         _draw(axes, line)
     for low, high in chart.shaded:
@@ -73,22 +111,22 @@ def _chart(chart: Chart) -> Sheet:
     for mark in chart.marks:
         axes.axvline(mark.at_deg, color=_GREY, lw=0.7, ls=":")
         axes.text(
-            mark.at_deg, 1.02, mark.text, transform=axes.get_xaxis_transform(), rotation=45, fontsize=6.5, color=_GREY
-        )
+            mark.at_deg, 1.02, "" if shared else mark.text, transform=axes.get_xaxis_transform(), rotation=45,
+            fontsize=6.5, color=_GREY,
+        )  # fmt: skip
     if chart.frame == "straight":
         axes.set_xlim(0, 360)
-        axes.set_xticks(range(0, 361, 30), [f"{angle}°" for angle in range(0, 361, 30)])
+        each = range(0, 361, 90 if shared else 30)
+        axes.set_xticks(each, [f"{angle}°" for angle in each])
     if chart.ticks:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
     if chart.frame == "plane":
         axes.set_aspect("equal")
-    axes.set_xlabel(chart.x_label)
-    axes.set_ylabel(chart.y_label)
+    if not shared:
+        axes.set_xlabel(chart.x_label)
+        axes.set_ylabel(chart.y_label)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
-    wide = sum(len(line.name) for line in chart.lines) > _WIDEST
-    sheet.legend(loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
-    return sheet
 
 
 def _draw(axes: Axes, line: Line) -> None:
@@ -121,7 +159,7 @@ def _draw_dots(axes: Axes, line: Line) -> None:
 
 
 def _polar(chart: Chart) -> Sheet:
-    sheet = Sheet(3.4, 3.6)
+    sheet = Sheet(3.4, _HEIGHTS_INCH["polar"])
     axes = sheet.add_subplot(projection="polar")
     assert isinstance(axes, PolarAxes)  # noqa: S101 - for the type checker
     hole, circle = chart.hole, np.linspace(0.0, 2 * np.pi, 181)

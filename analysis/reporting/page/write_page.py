@@ -20,6 +20,7 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.inference.state import FAULT
+from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
@@ -32,6 +33,7 @@ from analysis.reporting.page.model_charts import diagnosis_charts
 from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
+from analysis.reporting.page.step_table import step_table
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
@@ -67,8 +69,10 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict_sentence=verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts) if report.found else None,
+        acts=_acts(report, texts),
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
+        steps=step_table(report.found, texts) if report.found else None,
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
         rule=rule(texts),
@@ -85,6 +89,15 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         style=_template("report.css"),
         **_scripts(pictures),
     )
+
+
+def _acts(report: Report, texts: Texts) -> list[str]:
+    """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
+    if report.found is None:
+        return []
+    done = ("load", "enter") if report.after and report.after.driven else ()
+    words = ActWords(report.found, texts)
+    return [words.sentence(act) for act in report.found.acts if act.kind not in done]
 
 
 def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:

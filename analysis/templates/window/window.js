@@ -192,7 +192,7 @@ function showSession(told) {
   byId("report").hidden = !told.report;
   const size = (one) => (one ? `${one.um.toFixed(1)} ± ${one.u_um.toFixed(1)} µm` : "–");
   items("before-after", (told.before_after ?? []).map((one) =>
-    words(`where_${one.where}`, { before: size(one.before), after: size(one.after) })));
+    words(`where_${one.where}`, { before: size(one.before), after: size(one.after), expected: size(one.expected) })));
   rows("steps", (told.steps ?? []).map((one, at) => [
     `${at + 1} ${one.program}`, [words(`step_${one.state}`) + (one.why ? `: ${one.why}` : ""), "word"], [one.run, "word"],
   ]));

@@ -19,11 +19,12 @@ from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until
 from tests.support.dask_cluster import Cluster, cluster
 from tests.support.dated_runs import dated_run
+from tests.support.nightly import cases
 
 RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     with cluster(tmp_path_factory.mktemp("dask")) as made:
@@ -40,7 +41,19 @@ def held(item: tuple[Path, int]) -> int:
     return number**2
 
 
+def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path) -> None:
+    for day in range(4):
+        dated_run(tmp_path / "plant" / "robot", day, 0.01)
+    (tmp_path / "plant" / "bad").mkdir()
+    (tmp_path / "plant" / "bad" / "manifest.json").write_text("{}")
+    words = [*RIG, "analyse", str(tmp_path / "plant"), "--json"]
+    here = subprocess.run(words, capture_output=True, check=False)
+    there = subprocess.run([*words, "--scheduler", two_workers.address], capture_output=True, check=False)
+    assert here.stdout and (there.returncode, there.stdout, there.stderr) == (3, here.stdout, here.stderr)
+
+
 def test_a_worker_that_dies_costs_time(two_workers: Cluster, tmp_path: Path) -> None:
+    """The last of them: the cluster has one worker afterwards."""
     outcomes = each(held, [(tmp_path, number) for number in range(20)], scheduler=two_workers.address)
 
     def kill_one() -> None:
@@ -56,18 +69,10 @@ def test_a_worker_that_dies_costs_time(two_workers: Cluster, tmp_path: Path) -> 
     assert two_workers.workers[0].poll() is not None, "it was killed in the middle"
 
 
-def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path) -> None:
-    for day in range(4):
-        dated_run(tmp_path / "plant" / "robot", day, 0.01)
-    (tmp_path / "plant" / "bad").mkdir()
-    (tmp_path / "plant" / "bad" / "manifest.json").write_text("{}")
-    words = [*RIG, "analyse", str(tmp_path / "plant"), "--json"]
-    here = subprocess.run(words, capture_output=True, check=False)
-    there = subprocess.run([*words, "--scheduler", two_workers.address], capture_output=True, check=False)
-    assert here.stdout and (there.returncode, there.stdout, there.stderr) == (3, here.stdout, here.stderr)
+ADDRESSES = ("an address", "http://127.0.0.1:80", "tls://127.0.0.1:1", "")
 
 
-@pytest.mark.parametrize("address", ["an address", "http://127.0.0.1:80", "tls://127.0.0.1:1", ""])
+@pytest.mark.parametrize("address", cases(ADDRESSES, ADDRESSES[:1]))
 def test_no_scheduler_is_one_line(address: str) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     done = subprocess.run(

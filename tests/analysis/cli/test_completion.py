@@ -65,7 +65,7 @@ def test_rig_files_complete(place: Path) -> None:
 
 def test_robots_and_daemons_complete(place: Path) -> None:
     assert offered(place, "rig history ") == ["cell"], "the rig of the runs"
-    assert offered(place, "rig history --data elsewhere ") == []
+    assert offered(place, "rig history --runs elsewhere ") == []
     assert "mine" in offered(place, "rig status --rig ")
 
 

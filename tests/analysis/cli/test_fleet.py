@@ -12,6 +12,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import unquote
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -133,7 +134,8 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; give another --parquet"),
-        (("plant", "--parquet", "letter"), "error: letter: exists already, and is no Parquet file; give another"),
+        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; give another"),
+        (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; give"),
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; give another --parquet"),
     ],
 )
@@ -142,6 +144,7 @@ def test_what_is_wrong_is_one_line(
 ) -> None:
     (work / "empty").mkdir(exist_ok=True)
     (work / "letter").write_text("Dear all,")
+    pq.write_table(pa.table({"robot": ["mine"]}), work / "own.parquet")
     assert ended("fleet", *words) == (2 if "the name of" in line else 3)
     assert capsys.readouterr().err.strip().startswith(line)
     assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))

@@ -46,7 +46,7 @@ def ran(*arguments: str | Path) -> str:
 
 def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    shown = " ".join(ran("history", "ur10e", "--data", runs, "-o", page).split())
+    shown = " ".join(ran("history", "ur10e", "--runs", runs, "-o", page).split())
     assert re.search(r"Play of axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
     assert (
         "1 run has no figures and is left out: odd: its manifest is missing, or it or the marks cannot be read" in shown
@@ -61,27 +61,27 @@ def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tm
     shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
     page = tmp_path / "page.html"
-    shown = " ".join(ran("history", "ur10e", "--data", runs, "--rig", limited, "-o", page).split())
+    shown = " ".join(ran("history", "ur10e", "--runs", runs, "--rig", limited, "-o", page).split())
     told = "of yaw acw has been beyond its limit of 0.02 mm since 1 May 2026 (run 000-acw)"
     assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
     assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
     limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
-    assert "limit" not in ran("history", "ur10e", "--data", runs, "--rig", limited), "this rig file has none"
+    assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited), "this rig file has none"
 
 
 def test_json_and_csv_hold_every_point(runs: Path) -> None:
-    answer = json.loads(ran("history", "ur10e", "--data", runs, "--json", "--figure", "play_j3_deg"))
+    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--figure", "play_j3_deg"))
     (series,) = answer["series"]
     assert [point["run"] for point in series["points"]] == [f"{day:03d}-acw" for day in range(10)]
     assert (series["changes"][0]["after_run"], series["changes"][0]["by_run"]) == ("004-acw", "005-acw")
     assert set(answer["without_figures"]) == {"odd"}
-    rows = list(csv.DictReader(io.StringIO(ran("history", "ur10e", "--data", runs, "--csv"))))
+    rows = list(csv.DictReader(io.StringIO(ran("history", "ur10e", "--runs", runs, "--csv"))))
     own = [row for row in rows if row["figure"] == "play_j3_deg"]
     assert [float(row["value"]) for row in own] == [point["value"] for point in series["points"]]
 
 
 def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) -> None:
-    answer = json.loads(ran("history", "ur10e", "--data", runs, "--json", "--since", "2026-05-08"))
+    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
     assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
@@ -91,13 +91,13 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
         (["--json", "--csv"], UseError, "cannot both be printed"),
     ):
         with pytest.raises(kind, match=words):
-            ran("history", "ur10e", "--data", runs, *options)
+            ran("history", "ur10e", "--runs", runs, *options)
 
 
 def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear all,")
-    done = command_line.ran("history", "ur10e", "--data", runs, "-o", letter)
+    done = command_line.ran("history", "ur10e", "--runs", runs, "-o", letter)
     assert done.returncode == 2 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
     assert letter.read_text() == "Dear all,"
 

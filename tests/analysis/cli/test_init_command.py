@@ -89,6 +89,8 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
         (first, -20),
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
+    for name, port, side in (("g1", second, "+"), ("g2", first, "-")):
+        assert f"{name} is {port} (sylvac_opto_rs), on the {side} side, and counts away" in done.stdout
     assert "good" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 
@@ -204,6 +206,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--key", "g3.units=mm"], 2, "SECTION.KEY=VALUE"),
         (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
         (["--baseline-mm", "0"], 2, "baseline-mm"),
+        (["--baseline-mm", "5", "--robot", "x"], 3, "nearer than two gauges stand: their bodies alone are 8 mm thick"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
     ],

@@ -55,7 +55,7 @@ def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None
 
 def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
     one, two = (
-        json.loads(ran("history", "robot-001", "--data", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
+        json.loads(ran("history", "robot-001", "--runs", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
     )
     assert one == two and set(one["without_figures"]) == {"b"}
     named = {point["run"] for series in one["series"] for point in series["points"]}
@@ -65,7 +65,7 @@ def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
 def test_a_link_to_a_run_below_hides_it_from_no_history(plant: Path, tmp_path: Path) -> None:
     data = shutil.copytree(plant, tmp_path / "data")
     (data / "0-latest").symlink_to(next((data / "a").iterdir()))
-    found = json.loads(ran("history", "robot-001", "--data", data, "--json", "--jobs", 1).stdout)
+    found = json.loads(ran("history", "robot-001", "--runs", data, "--json", "--jobs", 1).stdout)
     named = {point["run"] for series in found["series"] for point in series["points"]}
     assert {(data / name).resolve() for name in named} == set(data.glob("[ac]/*"))
 

@@ -93,7 +93,7 @@ COMMANDS = {
     "verify": ("verify {}", ""),
     "json": ("analyse {}/robot-002 --json", ""),
     "fleet": ("fleet {}", "--jobs 2"),
-    "history": ("history robot-001 --data {} --json", ""),
+    "history": ("history robot-001 --runs {} --json", ""),
 }
 """Each with what it is told of a store besides."""
 

@@ -37,7 +37,7 @@ from tests.support.command_line import ran
         ),
         (
             ("program", "ur10e", "--for", "siemens", "--test", "yaw", "-o", "out"),
-            "rig program: Invalid value for '--for': 'siemens' is not one of 'ur', 'fanuc',",
+            "rig program: Invalid value for '--for': 'siemens' is no maker whose controllers are known; give ur,",
         ),
         (("emulate", "ur10e", "--seed", "-5"), "rig emulate: Invalid value for '--seed': it must be greater than"),
         (

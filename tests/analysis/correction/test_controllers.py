@@ -23,6 +23,7 @@ from rigs.errors import UseError
 from rigs.extend import extended
 from rigs.load import load
 from rigs.schema.vocabulary import Maker, maker_of
+from tests.support import command_line
 from tests.support.independent_arm import Wrong as WrongArm
 from tests.support.independent_arm import constants_of, flange
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
@@ -93,7 +94,7 @@ def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Ar
 @pytest.mark.parametrize("name", MASTERED)
 def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: Maker) -> None:
     scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
-    entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--controller", name, *scale)
+    entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--for", name, *scale)
     controller = _mastered(name)
     wanted = [_paper_arm(np.radians(q)) for q in TARGETS_DEG]
     before, after = _errors_mm(controller, wanted), _errors_mm(_entered(controller, entries), wanted)
@@ -181,7 +182,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     """At a controller without lengths, where a soft joint was `not entered` before."""
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
     cell = _cell(tmp_path, "paper-fanuc", [soft])
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "abb"])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "abb"])
     entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
     before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
     assert targets < 0.1 * before < after < 0.95 * before
@@ -207,7 +208,7 @@ def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
 
 def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "fanuc"])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "fanuc"])
     assert "with --scale, six counts per degree" in " ".join(done.stdout.split())
     entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
     assert [(one["parameter"], round(one["add"], 6), one["unit"]) for one in entries["entries"]] == [
@@ -221,17 +222,17 @@ def test_an_axis_that_goes_with_another_motor_has_no_count_of_its_own(tmp_path: 
     cell = tmp_path / "cell.yaml"
     cell.write_text(extended(text, ZEROS, "cell"), encoding="utf-8")
     scale = ["--scale", ",".join(map(str, SCALE))]
-    entries = _printed(cell, tmp_path / "out", "--controller", "fanuc", *scale)["entries"]
+    entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)["entries"]
     assert [(one["axis"], one["unit"]) for one in entries] == [(2, "deg"), (4, "counts")]
 
 
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--controller", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: KUKA takes deg, without a scale"),
-        (["--controller", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not six numbers other than zero"),
-        (["--controller", "abb", "--scale", "1,2,3,4,5,0"], "is not six numbers other than zero"),
-        (["--entered"], "--entered: needs --path, and --controller"),
+        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: KUKA takes deg, without a scale"),
+        (["--for", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not six numbers other than zero"),
+        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "is not six numbers other than zero"),
+        (["--entered"], "--entered: needs --path, and --for"),
     ],
 )
 def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) -> None:
@@ -245,8 +246,8 @@ def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) ->
 
 def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "cuca"])
-    assert done.exit_code == 2 and "'cuca' is not one of" in done.stderr
+    done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
+    assert done.returncode == 2 and "'cuca' is no maker whose controllers are known; give ur, fanuc" in done.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -255,7 +256,18 @@ def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Pat
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--json"])
     assert json.loads(done.stdout)["controller"] is None
-    assert "next: --controller ur, fanuc, kuka, abb or yaskawa" in done.stderr
+    assert f"next: rig correct {cell} --for ur -o {tmp_path / 'out-ur'}  # " in done.stderr
+    assert "or fanuc, kuka, abb, yaskawa" in done.stderr
+
+
+@pytest.mark.parametrize("name", [*CONTROLLERS])
+def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path: Path, name: str) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("Nothing of the tool's 682 µm over the work can be corrected; the table says why.")
+    assert "stands in the rig file without" in done.stdout
+    assert not yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())["controller"]["entries"]
 
 
 def test_every_controller_says_where_its_words_come_from() -> None:

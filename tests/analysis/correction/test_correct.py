@@ -18,13 +18,16 @@ from analysis.cli import app
 from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.correct import correct_rig
 from analysis.correction.support import supports
+from analysis.correction.work import tool_poses
 from analysis.files.table_problems import TableFileError
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.kinematics.inverse import inverse
+from analysis.model.predict import model_of
 from analysis.reporting.correction_report import write
 from rigs.effects import (
     VOCABULARY,
     Backlash,
+    ClockRate,
     Compliance,
     Effect,
     Found,
@@ -39,6 +42,7 @@ from rigs.errors import FileError
 from rigs.extend import extended
 from rigs.load import load
 from rigs.rig import Rig
+from tests.support.command_line import ran
 
 RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
 HEAD = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
@@ -120,6 +124,24 @@ def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp
     nearest = np.nanargmin(np.abs(branches - np.radians(TARGETS[:2])[:, None]).max(axis=2), axis=1)
     real = forward(_real_arm(), _real_joints(branches[np.arange(2), nearest]))
     np.testing.assert_allclose(real, wanted, atol=1e-4)
+
+
+def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
+    """A robot that stands has no time: a calibration holds the rate of the clocks beside what moves the arm."""
+    rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)))
+    one, three = (np.radians(TARGETS[:count]) for count in (1, 3))
+    np.testing.assert_array_equal(tool_poses(model_of(rig), one), tool_poses(model_of(_rig(ZERO_3)), three)[:1])
+    found = correct_rig(rig, _path(tmp_path, ["P0," + ",".join(map(str, TARGETS[0]))]))
+    assert found.path and found.path[2].done.all() and np.isfinite(found.path[2].u_mm).all()
+
+
+def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path) -> None:
+    vague = [JointOffset(axis=axis, offset_deg=0.05, found=_found(offset_deg=0.049)) for axis in (2, 3, 5)]
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
+    done = ran("correct", cell, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "joint zero" in done.stdout and "the table says why" not in done.stdout
 
 
 def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:

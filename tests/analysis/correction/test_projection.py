@@ -259,6 +259,7 @@ class _PlacesOnly:
     """A model that states no more than the covariance of each place."""
 
     joints_rad: None = None
+    unexplained_mm: float = 0.0
 
     def position_covariance_mm2(self, q: Array) -> Array:
         return np.tile(np.diag([0.04, 0.01, 0.0]), (len(q), 1, 1))

@@ -19,6 +19,7 @@ from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
+from tests.support import soft_arm
 from tests.support.command_line import ran
 from tests.support.seven_axes import draw_truth, pose_table
 
@@ -225,3 +226,16 @@ def test_a_bag_with_a_log_beside_it_is_read_once_it_is_closed(tmp_path: Path, rn
         file_of(tmp_path / "bag")
     database.close()
     held(stands(tmp_path / "bag"), truth)
+
+
+@pytest.mark.parametrize("topic", ["/tcp_pose_broadcaster/pose", "/tf:tool0", "/franka/O_T_EE"])
+def test_a_topic_of_the_controller_is_asked_about(
+    tmp_path: Path, rng: np.random.Generator, topic: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its places are wrong by the noise of a tracker here, so that nothing but the name speaks."""
+    monkeypatch.chdir(tmp_path)
+    q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (20, 6)))
+    arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
+    drive_points(tmp_path / "bag", rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
+    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 3 and f"{topic} sounds like what the robot says of itself" in done.stderr

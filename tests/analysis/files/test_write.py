@@ -20,7 +20,7 @@ def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
 
 def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"old")
-    with pytest.raises(FileError, match="b: exists already; choose another directory"):
+    with pytest.raises(FileError, match="b: exists already; give another --output"):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
     assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
 

@@ -12,9 +12,14 @@ import pytest
 
 from analysis.fleet import catalogue
 from analysis.fleet.gather import Fleet, gather
-from analysis.history.collect import Workers
+from analysis.fleet.state import state_of
+from analysis.history.collect import Collected, Workers
+from analysis.history.history import history_of
+from analysis.history.records import Record
+from analysis.measures.quantity import Quantity
 from daq.store import mark_kept
 from rigs.errors import CellError, FileError
+from rigs.schema.limits import Limits
 from tests.support.dask_cluster import cluster
 from tests.support.plant_runs import known_robot, write_visits
 
@@ -246,3 +251,23 @@ def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_pat
     with cluster(tmp_path / "dask") as dask:
         found = gather(plant, file, Workers(1, dask.address), silent)
     assert found.robots == gathered(plant, tmp_path / "other.sqlite").robots
+
+
+def test_a_corrected_program_mends_no_arm() -> None:
+    def run(day: int, band_deg: float, corrected: str = "") -> Record:
+        figures = {"band_deg": Quantity(band_deg + 1e-4 * (day % 3), 1e-4, "deg", 720, "measured")}
+        when = f"2025-12-{day:02d}T06:00:00+00:00"
+        name = f"{day:02d}{corrected}"
+        return Record(name, name, "cell", when, "yaw", "acw", "", "", "", figures, name, False, corrected)
+
+    as_it_is = [run(day, 0.08) for day in range(1, 11)]
+    limits = Limits.model_validate({"yaw": {"band_deg": {"fail": 0.05}}})
+    for corrected in ("targets", "entries"):
+        after = [run(day, 0.01, corrected) for day in range(11, 21)]
+        found = state_of("runs", Collected("cell", (*as_it_is, *after), (), (), limits))
+        assert (found.standing, found.trend, found.corrected) == ("fail", "", 10)
+        assert "10 driven corrected" in " ".join(found.doubts)
+        titles = [series.title for series in history_of(Collected("cell", (*as_it_is, *after), (), (), limits)).series]
+        assert len(titles) == 2 and titles[0] == "yaw acw" and titles[1] != titles[0]
+    mended = [run(day, 0.01) for day in range(11, 21)]
+    assert state_of("runs", Collected("cell", (*as_it_is, *mended), (), (), limits)).standing == "pass"

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.inference.diagnose import diagnose
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.inference.result import Diagnosis
 from analysis.inference.setups import folds_of
@@ -217,17 +216,3 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
     for one, other in zip(found, sound, strict=True):
         # Two wild neighbours out of seven still leave their median; more, now and then, do not.
         assert float(np.mean(np.abs(one.one.values - other.one.values) > 0.02)) < 0.002
-
-
-def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
-    assert RIG.tests.circle and RIG.tests.hemisphere
-    far = RIG.tests.model_copy(
-        update={
-            "circle": RIG.tests.circle.model_copy(update={"centre_mm": (9000.0, 0.0, 0.0)}),
-            "hemisphere": RIG.tests.hemisphere.model_copy(update={"centre_mm": (9000.0, 0.0, 0.0)}),
-        }
-    )
-    runs = circles((JointOffset(axis=5, offset_deg=0.05),), seed=17)
-    found = diagnose(RIG.model_copy(update={"tests": far}), runs, [], [], lambda doing: None)
-    assert found.condition == "ambiguous" and found.next_test is None
-    assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)

@@ -31,10 +31,13 @@ def test_many_usual_errors_are_no_fault() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "seed", "least_um"),
-    [
-        (Backlash(axis=1, width_deg=0.046, transit=0.2), 55, 200),
-        (Compliance(axis=3, deg_per_Nm=29 * 5e-5, payload_kg=5.0), 51, 100),
-    ],
+    cases(
+        [
+            (Backlash(axis=1, width_deg=0.046, transit=0.2), 55, 200),
+            (Compliance(axis=3, deg_per_Nm=29 * 5e-5, payload_kg=5.0), 51, 100),
+        ],
+        lambda case: case[1] == 51,
+    ),
     ids=["play", "compliance"],
 )
 def test_a_fault_beside_usual_errors_stands(fault: Effect, seed: int, least_um: float) -> None:

@@ -52,12 +52,15 @@ def _fitted(runs: list[Measured], words: str) -> Named:
 
 @pytest.mark.parametrize(
     ("truth", "words", "tests"),
-    [
-        (Backlash(axis=1, width_deg=0.02), "backlash:1", ("yaw",)),
-        (Backlash(axis=1, width_deg=0.02), "backlash:1", ("repeatability",)),
-        (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", ("radial",)),
-        (ReversalSpike(axis=1, amplitude_deg=-0.03), "reversal_spike:1", ("yaw",)),
-    ],
+    cases(
+        [
+            (Backlash(axis=1, width_deg=0.02), "backlash:1", ("yaw",)),
+            (Backlash(axis=1, width_deg=0.02), "backlash:1", ("repeatability",)),
+            (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", ("radial",)),
+            (ReversalSpike(axis=1, amplitude_deg=-0.03), "reversal_spike:1", ("yaw",)),
+        ],
+        lambda case: not isinstance(case[0], ReversalSpike),
+    ),
     ids=lambda value: getattr(value, "effect", value),
 )
 def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str, ...]) -> None:
@@ -118,8 +121,13 @@ def test_the_generator_means_the_same_arm(name: str) -> None:
     np.testing.assert_allclose(flange(constants_of(name), right, q)[1], forward(bare, q)[:, :3, 3], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e"])
-@pytest.mark.parametrize(("kind", "words"), [(bad_zeros, ZEROS), (bad_arm, DH)], ids=["zeros", "all constants"])
+@pytest.mark.parametrize(
+    ("name", "kind", "words"),
+    cases(
+        [(name, *bad) for name in ("paper-fanuc", "ur10e") for bad in ((bad_zeros, ZEROS), (bad_arm, DH))],
+        [("paper-fanuc", bad_zeros, ZEROS), ("ur10e", bad_arm, DH)],
+    ),
+)
 def test_thirty_poses_of_a_bad_arm_give_more_than_plain_least_squares_gives(name: str, kind, words: str) -> None:
     for arm, rng in _cells(name, kind, range(1)):
         train, test = (arm.seen(postures(name, count, rng), rng) for count in (30, 200))

@@ -4,6 +4,7 @@ not: an arm of another generator, 1 per mille larger than its rig file says."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from rigs.arms import load_arm
 from rigs.effects import Effect
 from rigs.load import parse
 from rigs.rig import Rig
+from tests.support.made_once import made_once
 from tests.support.seven_axes import Truth, constants_of, draw_postures, draw_truth, run_of, touch_table
 from tests.support.stranger.screws import arm_from
 
@@ -56,15 +58,23 @@ class Case:
     table: TouchTable
 
 
-@pytest.fixture(scope="module")
-def case() -> Case:
+@cache
+def made() -> Case:
     rng, rig = np.random.default_rng(3), rig_of()
     truth = larger(rig, draw_truth(rig.robot, rng, ()))
     return Case(truth, touch_table(rig.robot, truth, rng, BALL_MM, SOCKETS, 60))
 
 
-def diagnosed(case: Case, rig: Rig) -> Diagnosis:
-    return diagnose(rig, [run_of(rig, case.table)], [], [], lambda _: None)
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return made()
+
+
+@made_once
+def diagnosed(distances: str = "") -> Diagnosis:
+    """What these touches show with distances in the rig file."""
+    rig = rig_of(distances)
+    return diagnose(rig, [run_of(rig, made().table)], [], [], lambda _: None)
 
 
 def elsewhere(case: Case, rig: Rig, effects: list[Effect]) -> tuple[float, float, Array, Array]:
@@ -96,7 +106,7 @@ def share_u(rig: Rig, found: Diagnosis, places: Array, q: Array) -> float:
 
 def test_a_known_distance_gives_the_scale_with_its_uncertainty(case: Case) -> None:
     alone, beside = rig_of(), rig_of(KNOWN)
-    without, with_known = diagnosed(case, alone), diagnosed(case, beside)
+    without, with_known = diagnosed(), diagnosed(KNOWN)
     nominal_mm, nominal_share, _, _ = elsewhere(case, alone, [])
     without_mm, without_share, places, q = elsewhere(case, alone, calibrated(without))
     with_mm, with_share, _, _ = elsewhere(case, beside, calibrated(with_known))
@@ -111,8 +121,8 @@ def test_a_known_distance_gives_the_scale_with_its_uncertainty(case: Case) -> No
 def test_what_is_known_less_well_tells_less(case: Case) -> None:
     shares = []
     for u_mm in (U_MM, 3.0):
-        rig = rig_of(KNOWN.replace(str(U_MM), str(u_mm)))
-        shares.append(abs(elsewhere(case, rig, calibrated(diagnosed(case, rig)))[1]))
+        known = KNOWN.replace(str(U_MM), str(u_mm))
+        shares.append(abs(elsewhere(case, rig_of(known), calibrated(diagnosed(known)))[1]))
     assert shares[0] < 0.5 * shares[1]
 
 
@@ -134,8 +144,8 @@ def test_each_placement_has_the_distance_and_all_share_what_is_not_known_of_it(c
     assert abs(changed[0]) < 1e-12 < abs(changed[1])
 
 
-def test_a_distance_that_the_arm_has_otherwise_is_said_beside_what_is_found(case: Case) -> None:
+def test_a_distance_that_the_arm_has_otherwise_is_said_beside_what_is_found() -> None:
     """It may be the distance that is wrong: 3 mm in it are faults of lengths, with certainty."""
-    wrong = diagnosed(case, rig_of(KNOWN.replace("300.0", "306.0")))
+    wrong = diagnosed(KNOWN.replace("300.0", "306.0"))
     assert any("306.000 ± 0.020 mm apart, and by the arm" in doubt for doubt in wrong.doubts)
-    assert not any("apart, and by the arm" in doubt for doubt in diagnosed(case, rig_of(KNOWN)).doubts)
+    assert not any("apart, and by the arm" in doubt for doubt in diagnosed(KNOWN).doubts)

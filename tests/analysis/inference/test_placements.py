@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from analysis import calibrate
 from analysis.cli import app
 from analysis.inference.observation import Observation, observe
-from analysis.inference.setups import split_by_frame
+from analysis.inference.placements import split_by_frame
 from analysis.model.predict import model_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import load_measured

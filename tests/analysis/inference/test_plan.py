@@ -30,6 +30,7 @@ from rigs.rig import Rig
 from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, plan_of_circles
+from tests.support.nightly import cases
 
 NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
@@ -128,11 +129,14 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
 
 @pytest.mark.parametrize(
     "fault",
-    [
-        JointOffset(axis=3, offset_deg=0.2),
-        LinkGeometry(axis=4, field="a", delta=2.0),
-        Backlash(axis=3, width_deg=0.1, transit=0.2),
-    ],
+    cases(
+        [
+            JointOffset(axis=3, offset_deg=0.2),
+            LinkGeometry(axis=4, field="a", delta=2.0),
+            Backlash(axis=3, width_deg=0.1, transit=0.2),
+        ],
+        lambda fault: isinstance(fault, Backlash),
+    ),
     ids=lambda fault: fault.effect,
 )
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
@@ -206,6 +210,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     assert "link_geometry 6.a (a5)" in told.stdout
     assert "not possible here: a flight: no wings" in told.stdout
     assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
+    assert "everything else is as wrong as such arms usually are" in " ".join(told.stdout.split())
     assert "79 names: " in told.stdout, "a gear is one name, whatever its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()

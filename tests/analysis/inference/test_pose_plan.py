@@ -20,6 +20,7 @@ from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.foreign_tables import rows, text
 from tests.support.independent_arm import constants_of, flange, healthy
+from tests.support.nightly import cases
 
 RIG = load("ur10e")[0]
 ARM = arm_of(RIG.robot)
@@ -73,7 +74,7 @@ def test_a_tracker_that_sees_nothing_is_refused() -> None:
         planned_poses(RIG, 20, Sight(np.array([0.0, 0.0, 100.0])))  # inside the arm
 
 
-@pytest.mark.parametrize("maker", ["ur", "fanuc", "kuka", "abb", "yaskawa"])
+@pytest.mark.parametrize("maker", cases(("ur", "fanuc", "kuka", "abb", "yaskawa"), ("fanuc",)))
 def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Path) -> None:
     done = ran("plan", "ur10e", "--poses", "14", "--for", maker, "--tracker", "2500,0,800", "-o", tmp_path / "p")
     assert done.returncode == 0, done.stderr

@@ -32,10 +32,31 @@ def test_a_lap_from_the_very_start_counts_from_there() -> None:
     assert driven(30, 120)[0].share(START, LEAD) == pytest.approx(0.25, abs=1e-6)
 
 
-def test_laps_are_counted_with_the_way_back_between_them() -> None:
-    found, _ = driven(18, 402, 18, 402, 18)
-    assert (found.acw, found.cw) == (2, 1)  # the last way back goes on
-    assert (found.ended().acw, found.ended().cw) == (2, 2)
+@pytest.mark.parametrize(
+    ("stops", "acw", "cw"),
+    [
+        ((18, 402, 18, 402, 18), 2, 0),  # two laps, with the way back after each
+        ((42, -342, 42, -342), 0, 2),
+        ((18, 402 + 360, 18, 402 + 360), 4, 0),  # a wrist with two turns to give
+        ((18, 402, 18, -366), 1, 1),  # on over the start: a lap the other way round
+        ((12, 18, 14, 402, 18), 1, 0),  # it finds its start first
+    ],
+)
+def test_the_way_back_over_a_lap_is_no_lap_of_the_other_direction(stops: tuple[float, ...], acw: int, cw: int) -> None:
+    found, _ = driven(*stops)
+    assert (found.ended().acw, found.ended().cw) == (acw, cw)
+
+
+def test_on_the_way_back_there_is_no_share_of_a_lap_until_it_ends() -> None:
+    back, _ = driven(18, 402, 200)
+    assert back.goes_back and back.sense == -1 and back.share(START, LEAD) is None
+    again, _ = driven(200, 18, 210, state=back)
+    assert not again.goes_back and again.share(START, LEAD) == pytest.approx(0.5, abs=1e-6)
+    beyond, _ = driven(200, 18, -60, state=back)
+    assert not beyond.goes_back and beyond.share(START, LEAD) == pytest.approx(0.25, abs=1e-6)
+    off, _ = driven(18, 402)
+    elsewhere, _ = driven(42, -100, state=off.ended())
+    assert not elsewhere.goes_back and elsewhere.share(START, LEAD) is not None
 
 
 @pytest.mark.parametrize("joined_deg", [40, 100, 250, 340])

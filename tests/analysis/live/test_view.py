@@ -59,7 +59,8 @@ def test_the_reversals_are_those_of_the_analysis(acw: Path, whole: LiveView) -> 
 
 def test_a_way_back_is_no_measurement(acw: Path) -> None:
     unlabelled = watched(played_run(acw, 1.0), view=LiveView(played_run(acw, 1.0).cell))
-    assert len(unlabelled.cw.curve().phi) and not len(watched_lap(acw).cw.curve().phi)
+    for view in (unlabelled, watched_lap(acw)):
+        assert len(view.acw.curve().phi) and not len(view.cw.curve().phi)
 
 
 def test_before_half_a_lap_the_mean_alone_is_taken_off(acw: Path) -> None:

@@ -7,8 +7,10 @@ from typing import Any, get_args
 
 import pytest
 
-from analysis.inference.result import Accuracy, BudgetPart, Condition, Doubt
-from analysis.reporting.answer_words import AnswerWords, NextStep, doubt_words, next_step
+from analysis.inference.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection
+from analysis.inference.result import BudgetPart, Condition, Member
+from analysis.reporting.act_words import ActWords, acts_in_words
+from analysis.reporting.answer_words import AnswerWords, doubt_words
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
@@ -24,8 +26,10 @@ NEED: dict[str, Any] = {
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_every_condition_has_its_sentences_in_every_language(condition: Condition, language: Language) -> None:
-    words = AnswerWords(diagnosis(condition), texts_of(language))
-    for sentence in (words.headline, words.accuracy, words.judged, words.next_step, words.texts(f"badge_{condition}")):
+    found = diagnosis(condition)
+    words = AnswerWords(found, texts_of(language))
+    acts = acts_in_words(found, texts_of(language))
+    for sentence in (words.headline, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
         assert len(sentence) > 2 and not {"{", "}"} & set(sentence) and "None" not in sentence
     for doubt in get_args(Doubt):
         assert doubt_words(doubt, words.texts)
@@ -34,8 +38,11 @@ def test_every_condition_has_its_sentences_in_every_language(condition: Conditio
 def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the_error() -> None:
     words = AnswerWords(diagnosis("named"))
     assert words.headline == "One fault was found: play of axis 1 (Theta), 0.0521 ± 0.0011 °, 90 % of the error."
-    assert words.next_step.startswith("Do what is said below")
-    many = AnswerWords(diagnosis("named", effects=(PLAY, ZERO, PLAY, ZERO, PLAY)))
+    assert ActWords(words.found).next == (
+        "Inspect and repair what causes the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from "
+        "6.1 µm to 2.0 ± 0.2 µm rms on runs that had no part in it."
+    )
+    many = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, PLAY, PLAY, PLAY)))
     assert many.headline.startswith("5 faults were found: ") and many.headline.endswith("; and 2 more.")
 
 
@@ -44,16 +51,24 @@ def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_conditio
     said = "90 % of the error comes from play of axis 1 (Theta) (0.0521 ± 0.0011 °, 2.0 × usual)."
     undecided = AnswerWords(diagnosis("undecided", effects=(usual,)))
     assert undecided.headline.startswith(said)  # what is certain comes before what is not known
-    assert undecided.next_step == "Drive each test 3 times to decide it."
-    assert AnswerWords(diagnosis("nothing_unusual", effects=(usual,))).headline.endswith(said)
+    assert ActWords(undecided.found).next == "Drive each test 3 times to decide it."
+    assert AnswerWords(diagnosis("nothing_unusual", effects=(usual,))).headline.startswith(said)
     unsure = replace(usual, u_um=3.0)
     assert said not in AnswerWords(diagnosis("undecided", effects=(unsure,))).headline
+
+
+def test_what_makes_most_and_may_be_one_of_a_few_is_said_with_all_of_them() -> None:
+    usual = replace(ZERO, doubt="usual")
+    headline = AnswerWords(diagnosis("uncalibrated", effects=(usual,))).headline
+    assert headline.startswith(
+        "90 % of the error comes from zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. Nothing was"
+    )
 
 
 def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     headline = AnswerWords(diagnosis("nothing_unusual", budget=(part,))).headline
-    assert headline.endswith("80 % of the error comes from what yields under load.")
+    assert headline.startswith("80 % of the error comes from deflection under load.")
 
 
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
@@ -68,26 +83,48 @@ def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> N
     assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL, by the limits of the rig file."
 
 
-@pytest.mark.parametrize(
-    ("standing", "calibrated_um", "place", "step"),
-    [
-        ("fail", 20.0, "unseen", "calibrate"),
-        ("fail", 95.0, "unseen", "nothing"),
-        ("pass", 20.0, "used", "unseen"),
-        (None, 20.0, "held_out", "nothing"),
-    ],
-)
-def test_without_a_fault_the_next_step_is_that_of_accuracy(
-    standing: Any, calibrated_um: float, place: Any, step: NextStep
-) -> None:
-    accuracy = Accuracy(standing, "rig_file" if standing else None, 100.0, 200.0, calibrated_um, 100.0, place)
-    assert next_step(diagnosis("nothing_unusual", accuracy=accuracy)) == step
+def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone() -> None:
+    headline = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, ZERO))).headline
+    assert headline.startswith("2 faults were found: play of axis 1")
+    assert headline.endswith(
+        "; beside that one cause is open: zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file, "
+        "30 % of the error."
+    )
+    alone = AnswerWords(diagnosis("ambiguous", effects=(ZERO,))).headline
+    assert alone.startswith("There is a fault, and these tests cannot tell which: zero of axis 5")
 
 
-def test_rivals_without_a_test_are_measured_elsewhere() -> None:
-    assert next_step(diagnosis("ambiguous")) == "separate"
-    assert "circle of radius 140 mm" in AnswerWords(diagnosis("ambiguous")).next_step
-    assert next_step(diagnosis("ambiguous", next_test=None)) == "elsewhere"
+def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_names_one() -> None:
+    members = (Member(ZERO.effect, 40.0, 0.62), Member(PLAY.effect, 10.0, 0.005))
+    part = BudgetPart("constants", 80.0, 4.0, 0.77, times_usual=0.8, rank="usual", members=members)
+    test = NamingTest("roll on the circle", "the tool's other tilt", 6.0, 0.998)
+    act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
+    found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
+    assert AnswerWords(found).headline == (
+        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %), "
+        "play of axis 1 (Theta) (< 1 %)."
+    )
+    assert ActWords(found).next == (
+        "Drive roll on the circle (5 min): it names what makes 77 % of the error among geometry and zeros, "
+        "then 99.8 % sure."
+    )
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_act_and_everything_against_it_has_words(language: Language) -> None:
+    words = ActWords(diagnosis(), texts_of(language))
+    acts = [Act(kind, "fault", (0,), 3.0, 1.0, place, 2.0, 1.0, effect=PLAY.effect, u=0.001)
+            for kind in ("repair", "remaster", "enter", "mount", "wait") for place in get_args(JudgedOn)]  # fmt: skip
+    acts += [Act("none", why, (0,)) for why in ("scatter", "unexplained", "too_small", "history", "gauges", "sound")]
+    acts += [Act("measure", why, (0,), runs=3) for why in ("few_runs", "not_visible", "elsewhere", "rivals", "group")]
+    against = [Against(why, ("d",), "unsure", 3) for why in get_args(Objection)]
+    said = [*map(words.sentence, acts), *(words.against(Act("none", "sound", against=(one,))) for one in against)]
+    assert all(one and not {"{", "}"} & set(one) for one in said)
+
+
+def test_what_remains_below_its_uncertainty_is_said_as_less_than_that() -> None:
+    act = replace(diagnosis().acts[0], remains_um=0.4, remains_u_um=2.0, removes_um=9.6)
+    assert "falls from 10 µm to < 2.0 µm rms" in ActWords(diagnosis(acts=(act,))).next
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

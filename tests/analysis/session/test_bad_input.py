@@ -10,7 +10,7 @@ import pytest
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.write import programs_of
 from analysis.session.plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
-from analysis.session.state import Aim, Place
+from analysis.session.state import Aim, Place, Try
 from daq.store import durable
 from rigs.errors import CellError
 from rigs.load import load
@@ -43,6 +43,44 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
 def test_no_session_yet(cell: Path, tmp_path: Path) -> None:
     done = ran("session", cell, "-o", tmp_path / "none", "--status")
     assert done.returncode == 3 and "no session was begun here" in one_line(done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("minutes", "-1", "minutes"),
+        ("minutes", "0", "minutes"),
+        ("minutes", ".inf", "minutes"),
+        ("minutes", "1.0e+9", "minutes"),
+        ("began", "yesterday", "began"),
+        ("rig", "''", "rig"),
+        ("rig_sha256", "abc", "rig_sha256"),
+        ("rig_sha256", "0" * 64, "rig_sha256: is not that of the rig file"),
+        ("driven_minutes", "-5", "driven_minutes"),
+    ],
+)
+def test_a_value_that_no_session_has_is_refused_with_its_line(
+    key: str, value: str, said: str, cell: Path, tmp_path: Path
+) -> None:
+    begun(cell, tmp_path / "own")
+    file = tmp_path / "own" / "session.yaml"
+    kept = [line for line in file.read_text().splitlines() if not line.startswith(f"{key}:")]
+    file.write_text("\n".join([*kept[:2], f"{key}: {value}", *kept[2:]]) + "\n")
+    done = ran("session", cell, "-o", tmp_path / "own", "--status")
+    assert done.returncode == 3 and f"{file}, line 3, {said}" in one_line(done.stderr)
+
+
+@pytest.mark.parametrize("name", ["nowhere", "../elsewhere", "/etc"])
+def test_a_run_that_is_not_there_is_refused_with_its_line(name: str, cell: Path, tmp_path: Path) -> None:
+    session = begun(cell, tmp_path / "own")
+    place = Place(tmp_path / "own")
+    place.write(session.with_step(0, session.steps[0].model_copy(update={"tries": (Try(run="there"),)})))
+    place.run("there").mkdir(parents=True)
+    assert ran("session", cell, "-o", place.directory, "--status").returncode == 0
+    place.file.write_text(place.file.read_text().replace("run: there", f"run: {name}"))
+    done = ran("session", cell, "-o", place.directory, "--status")
+    line = next(k for k, text in enumerate(place.file.read_text().splitlines(), 1) if f"run: {name}" in text)
+    assert done.returncode == 3 and f"{place.file}, line {line}, " in one_line(done.stderr)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +134,7 @@ def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:
         ((), 2, "--for"),
         (("--for", "kuka", "--minutes", "3"), 2, "the shortest session of this cell takes"),
         (("--for", "kuka", "--effects", "x.yaml"), 2, "only with --emulated"),
+        (("--for", "kuka", "--fast"), 2, "only with --emulated"),
         (("--for", "kuka", "--minutes", "60", "--entered"), 2, "has no values to be entered"),
     ],
 )

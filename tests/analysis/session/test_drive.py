@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,14 @@ def test_a_program_is_recorded_from_its_start_to_its_end(bench: Bench) -> None:
     (start, fields), (stop, _) = cell.asked
     assert (start, stop) == ("record_start", "record_stop") and cell.went_on == 1
     assert (fields["name"], fields["test"], fields["direction"]) == ("p01-yaw-acw", "yaw", "acw")
-    assert (fields["operator"], fields["placement"]) == ("ada", "yaw")
+    assert (fields["operator"], fields["placement"], fields["corrected"]) == ("ada", "yaw", "")
+
+
+def test_a_corrected_program_is_recorded_as_one(bench: Bench) -> None:
+    cell = Cell(bench.time, bench.robot("p01-yaw-acw"))
+    bench.programs = {name: replace(one, corrected="targets") for name, one in bench.programs.items()}
+    bench.drive(cell)
+    assert cell.asked[0][1]["corrected"] == "targets"
 
 
 def test_another_program_is_recorded_as_what_it_is(bench: Bench) -> None:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from analysis.session.guide import Correct, Drive, Infer, next_of
-from analysis.session.state import Place, Session, Try
+from analysis.session import report
+from analysis.session.cell import Run
+from analysis.session.next_step import Correct, Decide, Drive, Infer, next_of, why_nothing
+from analysis.session.state import Aim, Place, Session, Step, Try
 from rigs.errors import CellError
+from tests.support.nightly import cases
 from tests.support.session_cell import (
     NAMED,
     Killed,
@@ -23,6 +28,8 @@ from tests.support.session_cell import (
 )
 
 _MOST_LIVES = 80
+AIMS: list[Aim] = cases(("check", "faults"), ("check",))
+"""A session that only checks corrects nothing and drives nothing again, which takes ten times as long."""
 
 
 @pytest.fixture
@@ -30,9 +37,45 @@ def place(tmp_path: Path) -> Path:
     return tmp_path / "session"
 
 
+@pytest.fixture
+def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page is written without its charts, which are most of a session's time and are shown by the whole one."""
+
+    def written(_: Session, __: object, place: Place) -> Path:
+        page = place.directory / report.PAGE
+        page.write_text(" " * 20_000)
+        return page
+
+    monkeypatch.setattr(report, "write_report", written)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A session from its first program to its page, what drove it, what it asked and what it said."""
+
+    session: Session
+    place: Path
+    driver: Simulated
+    oracle: Oracle
+    screen: Screen
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    folder = tmp_path_factory.mktemp("whole")
+    place = folder / "session"
+    begun(cell_file(folder), place)
+    driver, oracle, screen = Simulated(place), Oracle(), Screen()
+    return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen)
+
+
 def finished(session: Session, place: Path) -> None:
     """Check that a session came to its end: nothing open, the error fell, the page is there."""
     assert not any(step.is_open for step in session.steps)
+    assert session.report is not None and (place / session.report).stat().st_size > 10_000
+    if session.aim == "check":
+        assert session.verified is None and session.correction is None
+        return
     assert session.verified is not None and session.correction is not None
     for before, after in (
         (session.verified.same_before, session.verified.same_after),
@@ -40,29 +83,24 @@ def finished(session: Session, place: Path) -> None:
     ):
         assert before is not None and after is not None
         assert after.um < 0.3 * before.um
-    assert (place / session.report).stat().st_size > 10_000
 
 
-def test_a_session_drives_finds_corrects_and_drives_again(place: Path, tmp_path: Path) -> None:
-    begun(cell_file(tmp_path), place)
-    driver, oracle, screen = Simulated(place), Oracle(), Screen()
-    session = gone_on(place, driver, oracle, screen=screen)
-    finished(session, place)
-    assert driver.stages == ["yaw", "other", "yaw"]
+def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
+    session = whole.session
+    finished(session, whole.place)
+    assert "data:image/svg" in (whole.place / str(session.report)).read_text(), "with its charts"
+    assert whole.driver.stages == ["yaw", "other", "yaw"]
     assert session.correction and session.correction.way in ("entries", "programs")
-    assert oracle.asked[-1] == (len(session.runs_for("find")), len(session.runs_for("judge")))
-    assert any("at a place not used" in line for line in screen.lines)
+    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    assert whole.oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
+    assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
+    assert any("at the other place" in line for line in whole.screen.lines)
 
 
 @pytest.mark.cpu_limit(150)
-def test_a_session_killed_at_each_step_has_the_same_end(place: Path, tmp_path: Path) -> None:
-    cell = cell_file(tmp_path)
-    begun(cell, place)
-    driver, oracle = Simulated(place), Oracle()
-    whole = gone_on(place, driver, oracle)
-    steps = len(driver.driven)
-    shutil.rmtree(place)
-    begun(cell, place)
+@pytest.mark.usefixtures("page_at_once")
+def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
     mortal = Simulated(place)
     for life in range(_MOST_LIVES):
         before = Place(place).read()
@@ -76,14 +114,15 @@ def test_a_session_killed_at_each_step_has_the_same_end(place: Path, tmp_path: P
     else:
         pytest.fail("it never came to its end")
     finished(session, place)
-    assert len(mortal.driven) == steps, "no program is driven twice: its run is found and taken"
+    assert mortal.driven == whole.driver.driven, "no program is driven twice: its run is found and taken"
     same = {"tries", "began"}
     assert [step.model_dump(exclude=same) for step in session.steps] == [
-        step.model_dump(exclude=same) for step in whole.steps
+        step.model_dump(exclude=same) for step in whole.session.steps
     ]
-    assert session.verified == whole.verified and not session.left_alone
+    assert session.verified == whole.session.verified and not session.left_alone
 
 
+@pytest.mark.usefixtures("page_at_once")
 def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, minutes=3.6)
     session = gone_on(place, Simulated(place), Oracle())
@@ -93,6 +132,7 @@ def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
     finished(session, place)
 
 
+@pytest.mark.usefixtures("page_at_once")
 def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
@@ -108,18 +148,22 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
     finished(session, place)
 
 
-def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(place: Path, tmp_path: Path) -> None:
-    begun(cell_file(tmp_path), place)
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
-    with pytest.raises(CellError, match=r"p02-yaw-cw: was driven 3 times in vain, the last time: g1: 3 silent"):
+    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; look at the cell"):
         gone_on(place, driver, Oracle())
     kept = Place(place).read()
     assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
     finished(gone_on(place, driver, Oracle()), place)
 
 
-def test_another_program_than_asked_for_counts_as_what_it_is(place: Path, tmp_path: Path) -> None:
-    begun(cell_file(tmp_path), place)
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_another_program_than_asked_for_counts_as_what_it_is(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     driver.instead = {0: "p02-yaw-cw"}
     session = gone_on(place, driver, Oracle())
@@ -127,8 +171,10 @@ def test_another_program_than_asked_for_counts_as_what_it_is(place: Path, tmp_pa
     finished(session, place)
 
 
-def test_runs_of_others_are_left_alone(place: Path, tmp_path: Path) -> None:
-    begun(cell_file(tmp_path), place)
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_runs_of_others_are_left_alone(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     with pytest.raises(Killed):
         gone_on(place, driver, Oracle(), MortalPlace(place, before=True))
@@ -146,6 +192,7 @@ def test_runs_of_others_are_left_alone(place: Path, tmp_path: Path) -> None:
     finished(session, place)
 
 
+@pytest.mark.usefixtures("page_at_once")
 def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     driver = Simulated(place)
@@ -172,5 +219,25 @@ def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
     known = session.model_copy(update={"steps": driven})
     assert next_of(known) == Infer()
     find, judge = len(known.runs_for("find")), len(known.runs_for("judge"))
-    answer = NAMED.model_copy(update={"runs": find, "judges": judge})
-    assert next_of(known.model_copy(update={"answer": answer, "answered": "named"})) == Correct()
+    judged = NAMED.model_copy(update={"runs": find, "judges": judge})
+    known = known.model_copy(update={"answer": judged, "judged": judged, "answered": "named"})
+    assert next_of(known) == Infer(joins=True), "what has judged joins"
+    last = NAMED.model_copy(update={"runs": find + judge, "joined": judge})
+    known = known.model_copy(update={"answer": last})
+    assert next_of(known) == Decide(), "the last answer may still need a test that names a group"
+    assert next_of(known.model_copy(update={"decided": find + judge})) == Correct()
+    assert not why_nothing(known)
+    for ground in ("unknown_cause", "no_gain_elsewhere"):
+        refused = judged.model_copy(update={"ground": ground})
+        assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Correct nothing: ")
+
+
+def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+
+    class HeldUp(Simulated):
+        def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+            return replace(super().drive(step, wait), why="the lap has no data from 59° to 83°", held_up=2)
+
+    with pytest.raises(CellError, match=r"this computer: was held up, .* p01-yaw-acw, .*; end what keeps it busy"):
+        gone_on(place, HeldUp(place), Oracle())

@@ -10,14 +10,14 @@ import pytest
 from analysis.session.cell import EmulatedHands
 from analysis.session.plan import Program
 from analysis.session.run import Asked, Means, run_session
+from analysis.session.simulated import SimulatedCells
 from analysis.session.state import Emulated, Place
 from daq import clock
+from daq.simulated.clock import SimulatedClock
 from daq.store import verify
 from rigs.errors import CellError
 from rigs.load import load
 from tests.support.session_cell import Oracle, Screen, cell_file
-from tests.support.simulated_clock import SimulatedClock
-from tests.support.simulated_session import SimulatedCells
 
 
 class Stopping(EmulatedHands):

@@ -9,10 +9,10 @@ import pytest
 
 from analysis.simulation.emulated_robot import EmulatedRobot, Trace
 from daq import clock
+from daq.simulated.clock import SimulatedClock
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.condition import ProgramState
-from tests.support.simulated_clock import SimulatedClock
 
 _STANDING = Trace(np.array([0.0, 30.0]), np.empty(0), np.zeros((2, 6)), np.zeros((2, 2)))
 

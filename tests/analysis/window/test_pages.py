@@ -128,7 +128,7 @@ def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
         {
             "rig": "cell",
             "rig_file": "cell.yaml",
-            "rig_sha256": "0",
+            "rig_sha256": "0" * 64,
             "aim": "faults",
             "maker": "ur",
             "minutes": 50,

@@ -21,6 +21,7 @@ from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
+from daq.simulated.clock import SimulatedClock
 from daq.store import Run, read_run
 from daq.wire.links import Link, LinkLost
 from daq.wire.opening import open_link
@@ -29,7 +30,6 @@ from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, rig_text
 from tests.support.replugging import KINDS, Clockwork, replug, wrong
-from tests.support.simulated_clock import SimulatedClock
 
 
 @pytest.mark.real_time  # nothing but the outage may be wrong

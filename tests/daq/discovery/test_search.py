@@ -26,13 +26,13 @@ from daq.emulators.instruments import instruments_of
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.uart import heard
 from daq.protocol.conversation import Device
+from daq.simulated.cell import SimulatedLine
+from daq.simulated.clock import SimulatedClock
 from daq.wire.serial_port import port_names
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, ByHand
-from tests.support.simulated_cell import SimulatedLine
-from tests.support.simulated_clock import SimulatedClock
 from tests.support.unknown_cells import GAUGES, cell_text, switched_on
 
 LISTEN_S = 0.3

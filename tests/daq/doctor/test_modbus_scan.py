@@ -15,12 +15,12 @@ import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.doctor import Finding, Verdict, modbus_scan
 from daq.doctor.modbus_ways import ways
+from daq.simulated.cell import SimulatedLine
+from daq.simulated.clock import SimulatedClock
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
-from tests.support.simulated_cell import SimulatedLine
-from tests.support.simulated_clock import SimulatedClock
 
 TRUE: dict[str, Any] = {
     "unit": 7,

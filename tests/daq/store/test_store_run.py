@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
+from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, recover, verify
 from daq.store.records import sha256
 from rigs.errors import FileError
 from tests.support.store_cases import (
@@ -69,6 +69,9 @@ def test_manifest_says_everything(run: Path) -> None:
     assert manifest.ended is not None
     assert manifest.started <= manifest.ended
     assert str(run.parent) not in (run / "manifest.json").read_text()
+    assert manifest.corrected == "" and '"corrected"' not in (run / "manifest.json").read_text()
+    by_targets = Manifest.model_validate_json(manifest.updated(corrected="targets").model_dump_json())
+    assert by_targets.corrected == "targets"
 
 
 def test_two_runs_never_share_a_directory(tmp_path: Path) -> None:

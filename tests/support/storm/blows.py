@@ -12,11 +12,11 @@ from typing import Any
 from daq import clock
 from daq.acquisition.host_clock import HOST
 from daq.protocol.conversation import FaultKind
+from daq.simulated.cell import SimulatedLine
 from daq.store import load_manifest
 from daq.store.manifest import is_run
 from daq.store.marks import load_marks, mark_exported, mark_kept
 from rigs.errors import RigError
-from tests.support.simulated_cell import SimulatedLine
 from tests.support.storm.disk import Disk
 from tests.support.storm.life import Life
 from tests.support.storm.worlds import Blow

@@ -18,9 +18,9 @@ import numpy as np
 
 from daq import clock
 from daq.acquisition.streams import ROBOT
+from daq.simulated.cell import SimulatedLine
 from rigs.rig import Rig
 from rigs.schema.modbus import SolartronOrbit
-from tests.support.simulated_cell import SimulatedLine
 
 _LOWEST_MM, _STEP_MM, _PLACES = 0.98, 0.02, 402
 """The steps are coarser than the last digit of any gauge. Where it turns round two digits change at once, for a reading

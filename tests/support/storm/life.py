@@ -17,11 +17,11 @@ from daq.acquisition.host_clock import HOST
 from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import FaultKind
 from daq.service.daemon import Daemon
+from daq.simulated.cell import SimulatedCell
+from daq.simulated.clock import SimulatedClock
 from daq.store.manifest import is_run
 from rigs.errors import CellError, RigError
 from rigs.load import parse
-from tests.support.simulated_cell import SimulatedCell
-from tests.support.simulated_clock import SimulatedClock
 from tests.support.storm.disk import Disk
 from tests.support.storm.ledger import Instruments
 from tests.support.storm.worlds import Blow, World, what_to_record
@@ -90,7 +90,7 @@ class Life:
         """What has happened to each stream, and to the computer."""
         rig = parse(world.text, f"storm --seed {world.seed}")
         self.instruments = Instruments.of(rig, [stream.name for stream in streams_of(rig)])
-        self.cell = SimulatedCell(time_, folder, world.text, self.instruments, self.instruments.signal)
+        self.cell = SimulatedCell.switched_on(time_, folder, world.text, self.instruments, self.instruments.signal)
         for line in self.cell.lines.values():
             self.instruments.attach(line)
             self.befell[line.name] = set()

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from daq.acquisition import stream_buffer
 from daq.recording import active_run
+from daq.simulated.clock import SimulatedClock, close_files_in
 from daq.store import writer
-from tests.support.simulated_clock import SimulatedClock, close_files_in
 from tests.support.storm.blows import BLOWS
 from tests.support.storm.judging import judge_runs
 from tests.support.storm.life import Heard, Life, Told

@@ -233,14 +233,14 @@ def test_fanuc(tmp_path: Path) -> None:
         number: next(k for k, line in enumerate(lines) if line.startswith(f"P[{number}") and "{" in line)
         for number in range(1, 9)
     }
-    rows = {at[1] + 4, at[1] + 5, *(at[k] + row for k in (2, 3, 4) for row in (4, 5))}
+    rows = {at[1] + 4, at[1] + 5, *(at[k] + row for k in (3, 4) for row in (4, 5))}
     assert _changed(given, data) == rows
     assert [len(line) for line in lines] == [len(line) for line in _lines(given)]  # the columns stand as they stood
     assert _why(found) == [
-        (12, "offset"),
         (15, "relative"),
         (16, "computed"),
         (17, "computed"),
+        (at[2] + 1, "offset"),  # its register stands in the controller
         (at[5] + 1, "changed"),
         (at[6] + 1, "external_axes"),
         (at[7] + 1, "other_flags"),
@@ -248,7 +248,7 @@ def test_fanuc(tmp_path: Path) -> None:
     ]
     told = np.array([value for row in lines[at[1] + 3 : at[1] + 5] for value in _values(row.replace("J", "J_"))[1::2]])
     assert _left_mm(rig, flange_at(rig, np.radians(told)), FANUC[0], FANUC_TOOL) < 0.02
-    for number, k in ((2, 1), (3, 2), (4, 3)):
+    for number, k in ((3, 2), (4, 3)):
         x, y, z, w, p, r = (value for row in lines[at[number] + 3 : at[number] + 5] for value in _values(row))
         X = frame((x, y, z), Rotation.from_euler("xyz", (w, p, r), degrees=True))
         flange = (FANUC_USER if number == 4 else base) @ X @ np.linalg.inv(FANUC_TOOL)
@@ -459,17 +459,17 @@ def test_abb(tmp_path: Path) -> None:
     path.write_bytes(text.encode())
     found = _corrected(rig, path)
     data = found.files["MainModule.mod"]
-    assert _changed(path.read_bytes(), data) == {9, 11, 20}
+    assert _changed(path.read_bytes(), data) == {9, 20}
     assert _why(found) == [
+        (11, "offset"),  # 50 mm above it the correction is another one
         (12, "external_axes"),
         (13, "changed"),
-        (17, "offset"),
         (25, "not_literal"),
         (26, "unknown_tool"),
     ]
     lines = _lines(data)
     assert _left_mm(rig, flange_at(rig, np.radians(_values(lines[8])[:6])), ABB[0], ABB_TOOL) < 1e-3
-    for number, k, base in ((11, 1, ABB_OBJECT), (20, 2, np.eye(4))):
+    for number, k, base in ((20, 2, np.eye(4)),):
         values = _values(lines[number - 1])
         X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
         # The given coordinates have six digits.
@@ -526,7 +526,14 @@ def test_a_point_that_the_program_assigns_again_or_reaches_in_two_postures_is_le
         f"set_tcp(p[0,0,0.145,0,0,0])\nhome=[{q[0]}]\nthere=p[{T}]\nmovej(home)\nmovel(there)\n"
         f"while (True):\nmovel(there)\nend\nother=[{q[1]}]\nmovej(other)\nother=[{q[0]}]\n"
     )
-    assert _why(_corrected(rig, path)) == [(3, "two_postures"), (9, "changed")]
+    # A line from the place to itself keeps its posture, so it is one whichever way leads there.
+    assert _why(_corrected(rig, path)) == [(9, "changed")]
+    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\nif a:\nmovej([{q[0]}])\nend\nmovel(there)\n")
+    assert _why(_corrected(rig, path)) == [(2, "no_posture")]
+    turned = ", ".join(str(float(np.radians(angle))) for angle in (10, -75, 95, -25, 70 - 140, 15 + 180))
+    two = f"if a:\nmovej([{q[0]}])\nelse:\nmovej([{turned}])\nend\nmovel(there)\n"
+    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\n{two}")
+    assert _why(_corrected(rig, path)) == [(2, "two_postures")]
 
 
 @pytest.mark.parametrize(
@@ -608,10 +615,9 @@ def test_yaskawa(tmp_path: Path) -> None:
     path.write_bytes(YASKAWA_PROGRAM.format(pulses=pulses, form=form, **poses).encode())
     listed = [
         (14, "changed"),
-        (15, "offset"),
+        (15, "displaced"),
         (29, "external_axes"),
         (30, "relative"),
-        (32, "offset"),
         (34, "not_literal"),
     ]
     without = _corrected(rig, path, ["3=0,0,150,0,0,0"], ["4=0"])

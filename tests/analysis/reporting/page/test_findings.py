@@ -5,36 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import pytest
-
 from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres
-from analysis.reporting.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.texts import texts_of
 from rigs.effects import BallForm, JointOffset
 from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis
 
 ENGLISH = texts_of("en")
 
 
-def test_a_finding_says_what_where_how_much_and_what_to_do() -> None:
+def test_a_finding_says_what_where_and_how_much() -> None:
     (one,) = findings_of(diagnosis("named"), ENGLISH)
     assert one.what == "Theta (axis 1) has play of 0.0521 ± 0.0011 °."
     assert "at 237° of the circle" in one.where
     assert one.share == "It moves the readings by 5.8 µm (rms) and makes 90 % of the error."
-    assert one.remedy.startswith("take up the play")
     assert one.others == ()
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_what_is_promised_is_what_the_remedy_alone_removes(language: Language) -> None:
-    found = diagnosis("named", effects=(PLAY, ZERO))
-    for one, named in zip(findings_of(found, texts_of(language)), (PLAY, ZERO), strict=True):
-        assert micrometres(named.alone_um) in one.removes and "6.1 µm" in one.removes
-        assert micrometres(found.train.after_um) not in one.removes
-    (useless,) = findings_of(diagnosis("named", effects=(replace(PLAY, alone_um=6.2),)), ENGLISH)
-    assert (
-        useless.removes
-        == "With this fault gone, and nothing else changed, the error does not fall: it stays at 6.2 µm (rms)."
-    )
 
 
 def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
@@ -56,7 +40,7 @@ def test_an_effect_without_a_sentence_is_said_by_its_noun_and_its_number() -> No
     ball = replace(PLAY, effect=BallForm(lobes=3, amplitude_mm=0.002), sd={}, alone_um=math.nan)
     (one,) = findings_of(diagnosis("named", effects=(ball,), budget=()), texts_of("de"))
     assert one.what == "Form der Kugel, 3 Bögen: 0.002 mm."
-    assert one.where == one.share == one.removes == ""
+    assert one.where == one.share == ""
 
 
 def test_nothing_unknown_is_shown_as_a_number() -> None:

@@ -52,9 +52,10 @@ class _Task:
 class SimulatedClock:
     """The clock; the thread that enters `running` is one of its threads, and drives it by waiting."""
 
-    def __init__(self, seed: int, hangs_s: float = _HANGS_S) -> None:
-        """hangs_s: a thread that comes to no wait for so long in real time never will."""
-        self.seed, self._hangs_s = seed, hangs_s
+    def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
+        """hangs_s: a thread that comes to no wait for so long in real time never will. began_wall_ns: time of day at
+        the beginning, ns since 1970 UTC."""
+        self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
         """What threads died of."""
         self.slept_ns = self.set_ns = 0
@@ -64,12 +65,15 @@ class SimulatedClock:
         self._tasks: dict[threading.Thread, _Task] = {}
         self._stuck = False
         self._turns = 0
+        self._driver: _Task | None = None
+        self._running: _Task | None = None
+        self._interrupted = False
 
     @contextmanager
     def running(self) -> Iterator[SimulatedClock]:
         """Take the place of the host's clock; what runs at the end is killed. An error tells the seed."""
         main = threading.current_thread()
-        self._tasks[main] = _Task(main, "")
+        self._tasks[main] = self._driver = self._running = _Task(main, "")
         try:
             with clock.replaced_by(self):
                 try:
@@ -92,7 +96,7 @@ class SimulatedClock:
         return self._ns + self.slept_ns
 
     def wall_ns(self) -> int:
-        return _WALL_NS + self.boot_ns() + self.set_ns
+        return self._began_wall_ns + self.boot_ns() - _BEGIN_NS + self.set_ns
 
     def runs(self) -> bool:
         return threading.current_thread() in self._tasks
@@ -103,6 +107,9 @@ class SimulatedClock:
         self._hand_over(me)
         if me.killed:
             raise Killed
+        if me is self._driver and self._interrupted:
+            self._interrupted = False
+            raise KeyboardInterrupt
         if self._stuck:
             names = ", ".join(task.thread.name for task in self._tasks.values())
             raise Deadlock(f"all wait, and none for a time: {names}")
@@ -154,11 +161,18 @@ class SimulatedClock:
             me.ready, me.due_ns = (lambda: False), self._ns
             self._hand_over(me)
 
+    def interrupt(self) -> None:
+        """Raise KeyboardInterrupt in the thread that drives the clock, which calls this: when it is its turn."""
+        if self._running is self._driver:
+            raise KeyboardInterrupt
+        self._interrupted = True
+
     def _hand_over(self, me: _Task | None) -> None:
         """Let the next thread go on, and come back when it is this one's turn; None for one that is at its end."""
         chosen = self._next()
         self._ns += self._dice.randrange(*_STEP_NS)
         self._turns += 1
+        self._running = chosen
         if chosen is me:
             return
         chosen.go.release()

@@ -12,9 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-from analysis.cli.console import say
 from analysis.emulation.pendant import Pendant
-from analysis.setup.dialogue import has_keyboard
 from analysis.simulation.emulated_robot import EmulatedRobot, State
 from daq import clock
 from rigs.errors import RigError, UseError
@@ -41,15 +39,16 @@ class Keyboard:
         robot: EmulatedRobot,
         pendant: Pendant | None,
         end: Callable[[int], None],
-        answer: Callable[[str], None] = say,
+        answer: Callable[[str], None],
     ) -> None:
         self._robot, self._pendant, self._end, self._answer = robot, pendant, end, answer
         self._waiting: deque[str] = deque()
         self._some_wait = clock.Event()
 
-    def read(self) -> None:
-        """Begin to take the lines of standard input."""
-        threading.Thread(target=self._read, daemon=True).start()
+    def read(self, *, has_person: bool) -> None:
+        """Begin to take the lines of standard input. has_person: whether the cell ends where they end; else it serves
+        until a signal comes."""
+        threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:
         """Begin to do what waits for its turn."""
@@ -64,11 +63,11 @@ class Keyboard:
             self._waiting.append(line)
             self._some_wait.set()
 
-    def _read(self) -> None:
+    def _read(self, has_person: bool) -> None:
         for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
             self.take(line)
-        if has_keyboard():
-            self.take("quit")  # without one: serve until a signal comes
+        if has_person:
+            self.take("quit")
 
     def _begin_in_turn(self) -> None:
         while (line := self._next()) != "quit":

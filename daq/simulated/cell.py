@@ -15,11 +15,11 @@ from daq.emulators import Motion
 from daq.emulators.instruments import instruments_of
 from daq.protocol.conversation import Device, Fault, Item, Step
 from daq.service.daemon import Daemon
+from daq.simulated.clock import SimulatedClock, close_files_in
 from daq.wire.links import LinkLost
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import udp_address
-from tests.support.simulated_clock import SimulatedClock, close_files_in
 
 _NETWORK_NS = 100_000
 _ROUND_S = 0.2
@@ -132,8 +132,9 @@ class _End:
 class SimulatedCell:
     """The instruments of a rig, which measure a motion, each on a line; `daemon` starts one that reads them."""
 
-    def __init__(
-        self,
+    @classmethod
+    def switched_on(
+        cls,
         time: SimulatedClock,
         folder: Path,
         text: str,
@@ -142,23 +143,28 @@ class SimulatedCell:
         devices: Mapping[str, Callable[[], Device]] | None = None,
         *,
         paced: bool = True,
-    ) -> None:
-        """devices: what makes the instrument of each stream instead. paced: not where what they send comes at the pace
-        of the line already, as from a capture."""
+    ) -> SimulatedCell:
+        """Start the instruments of a rig. devices: what makes the instrument of each stream instead. paced: not where
+        what they send comes at the pace of the line already, as from a capture."""
+        cell = cls(time, folder, text)
+        devices = devices or instruments_of(cell.rig, motion, signal)
+        with time.process("cell"):
+            for stream in streams_of(cell.rig):
+                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
+                by_udp = udp_address(stream.port) is not None
+                line = cell.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
+                made = cell.made[stream.name] = []
+                body = _serving(line, devices[stream.name], made)
+                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
+        return cell
+
+    def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
+        """text: of the rig file; runs are in `runs` of the folder."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
-        devices = devices or instruments_of(self.rig, motion, signal)
         self.lines: dict[str, SimulatedLine] = {}
         self.made: dict[str, list[Device]] = {}
         self.daemons = 0
-        with time.process("cell"):
-            for stream in streams_of(self.rig):
-                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
-                by_udp = udp_address(stream.port) is not None
-                line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
-                made = self.made[stream.name] = []
-                body = _serving(line, devices[stream.name], made)
-                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
 
     def daemon(self, **options: Any) -> Daemon:
         """Start a daemon. options: of its constructor."""

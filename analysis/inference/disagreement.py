@@ -1,0 +1,105 @@
+"""Where a model and readings disagree, and what is left as the effects of the model are added one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.inference.blocks import blocks_of
+from analysis.inference.budget import Measure
+from analysis.inference.compare import Compared
+from analysis.inference.observation import ObservedRun
+from analysis.inference.prepared_runs import prepare_runs
+from analysis.inference.residuals import curves_of, maps_of, places
+from analysis.inference.responses import Linearisation, linearise, noise_um
+from analysis.inference.result import Curve, Map, Place, of_place
+from analysis.inference.setups import fit_run_setups
+from analysis.inference.staircase import Left, Staircase, Step
+from analysis.inference.stepwise import drawn, left_um_of
+from analysis.traces.loading import Measured
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
+    and at targets without the effects of the model (before) and with them (after). `staircase` has a step for each
+    effect of the rig file, and one for its calibration, whose place is after them; None for a model without effects.
+    `floor_um` is the noise of a run."""
+
+    rig: Rig
+    where: tuple[Place, ...]
+    curves: tuple[Curve, ...]
+    maps: tuple[Map, ...]
+    staircase: Staircase | None
+    floor_um: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, with the keys of a diagnosis."""
+        names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
+        steps = self.staircase.to_dict(names) if self.staircase else None
+        return {"where": [of_place(place) for place in self.where], "staircase": steps}
+
+
+def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
+    """Return a comparison with where model and readings, of (m, k) mm, disagree, or with a message why that is not
+    known."""
+    try:
+        return replace(compared, disagreement=disagreement(rig, used, unseen))
+    except FileError as error:
+        message = f"where model and readings disagree is not known: {error}"
+        return replace(compared, doubts=(*compared.doubts, message))
+
+
+def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Disagreement:
+    """Return where the model of a rig and runs, of (m, k) mm, disagree; those of an unseen place have set-ups of their
+    own. Raises FileError for runs that cannot be looked at together."""
+    parts, _ = prepare_runs(rig, used, unseen)
+    runs, elsewhere = ([replace(one, model=replace(one.model, effects=())) for one in part] for part in parts)
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    groups = _groups(rig, linear)
+    models = [tuple(one for _, group in groups[:k] for one in group) for k in range(len(groups) + 1)]
+    curves, maps = drawn(linear, models)
+    measure, ends = Measure(linear), [linear.residual(one) for one in (models[0], models[-1])]
+    before, after = (linear.in_mm(measure.without_set_up(one)) for one in ends)
+    floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
+    staircase = Staircase(_steps(groups, models, (runs, elsewhere), floor_um), curves, maps) if groups else None
+    return Disagreement(
+        rig,
+        places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
+        curves_of(linear.blocks, before, after),
+        maps_of(linear.blocks, before, after),
+        staircase,
+        floor_um,
+    )
+
+
+def _groups(rig: Rig, linear: Linearisation) -> list[tuple[int, tuple[Effect, ...]]]:
+    """Return the effects of the rig file, those first that change the readings most, and then what its calibration
+    holds beside them, each with its place."""
+    measure = Measure(linear)
+    size = [measure.um(linear.columns([one])[:, 0]) for one in rig.effects]
+    order = sorted(range(len(size)), key=lambda k: -size[k])
+    calibrated = rig.calibrated.effects if rig.calibrated else ()
+    return [*((k, (rig.effects[k],)) for k in order), *([(len(size), tuple(calibrated))] if calibrated else [])]
+
+
+def _steps(
+    groups: Sequence[tuple[int, tuple[Effect, ...]]],
+    models: Sequence[tuple[Effect, ...]],
+    runs: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
+    floor_um: float,
+) -> tuple[Step, ...]:
+    u_um = [floor_um / np.sqrt(max(len(one), 1)) for one in runs]
+    steps = []
+    for k, left_um in enumerate(left_um_of(models, runs)):
+        used, unseen = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
+        assert used is not None  # noqa: S101 - runs were prepared
+        steps.append(Step((groups[k - 1][0],) if k else (), used, unseen=unseen))
+    return tuple(steps)

@@ -1,0 +1,120 @@
+"""The test that would name a part of the error: which, how many minutes it takes, and how sure it makes.
+
+Of an effect with a rival it is the test that tells both apart; of a group the one by which its likeliest member is
+known best, beside everything else that may be present. Runs of another place that only judged may do it without
+driving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.inference.acts import Cost, NamingTest
+from analysis.inference.blocks import blocks_of
+from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_bands
+from analysis.inference.observation import ObservedRun
+from analysis.inference.plan import PossibleTest, possible_tests
+from analysis.inference.responses import linearise
+from analysis.inference.result import ODDS, BudgetPart, Named
+from analysis.inference.search import SearchResult
+from analysis.inference.setups import fit_run_setups
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import is_play, label_of, name_of, phases, size_of
+from rigs.schema.vocabulary import TestName
+
+JOINED = "--unseen"
+"""The test that takes no driving: the runs that only judged, used as well."""
+_MUCH = 0.1
+"""Share of the error from which a part is worth a test."""
+
+
+@dataclass(frozen=True)
+class NamingTests:
+    """The tests that may name parts of the error beside the runs used."""
+
+    possible: Sequence[PossibleTest]
+
+    def for_rivals(self, one: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
+        """Return the test that tells an effect from its rival, the cheapest of those that do it for certain; None where
+        none does."""
+        pairs = ((one, rival), (rival, one))
+        sigmas = [
+            min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)
+            for test in self.possible
+        ]
+        return self._best(sigmas, 1, (name_of(one), name_of(rival)))
+
+    def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
+        """Return the test by which an effect among so many is known best at its size; None where none names it."""
+        sigmas = []
+        for test in self.possible:
+            alike = [form for form in test.expected.candidates if form.name == name_of(effect)]
+            sd = test.expected.sd(min(alike, key=lambda form: form.size)) if alike else np.inf
+            sigmas.append(abs(size_of(effect)) / sd)
+        return self._best(sigmas, among, (label_of(effect),))
+
+    def _best(self, sigmas: Sequence[float], among: int, names: tuple[str, ...]) -> tuple[NamingTest, Cost] | None:
+        enough = [k for k, sigma in enumerate(sigmas) if _odds(sigma, among) >= ODDS / (1 + ODDS)]
+        if not enough:
+            return None
+        k = min(enough, key=lambda k: (self.possible[k].minutes, -sigmas[k]))
+        one = self.possible[k]
+        test = NamingTest(one.test, one.why, float(sigmas[k]), _odds(sigmas[k], among), names)
+        return test, Cost(one.minutes, one.programs, one.set_ups)
+
+
+def _odds(sigma: float, among: int) -> float:
+    """Return the odds that are expected of a cause that is known by so many sigmas among so many others."""
+    return float(1 / (1 + among * np.exp(-0.5 * min(sigma, SEPARABLE * 10) ** 2)))
+
+
+def naming_tests(
+    rig: Rig,
+    tests: Sequence[TestName],
+    result: SearchResult,
+    budget: Sequence[BudgetPart],
+    named: Sequence[Named],
+    judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
+) -> list[tuple[int, NamingTest, Cost]]:
+    """Return the test that names each part of the budget that needs one, by its index: a name that stands and has a
+    rival, and a group. `judges` are the runs used, and those of another place that only judged; readings are (m, k)."""
+    asked = [k for k, part in enumerate(budget) if _needs_a_test(part, named)]
+    if not asked:
+        return []
+    try:
+        further, _ = possible_tests(rig, tests, result.linear.blocks, result.linear.setups, result.state.level)
+    except FileError:
+        further = []
+    known = NamingTests([*_joined(result, *judges), *further])
+    found = []
+    for k in asked:
+        part = budget[k]
+        if part.members:
+            planned = known.for_member(part.members[0].effect, len(result.selection.columns.forms))
+        else:
+            one = named[part.index or 0]
+            planned = known.for_rivals(one.effect, one.rivals[0].effect)
+        found += [(k, *planned)] if planned else []
+    return found
+
+
+def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
+    if part.index is None:
+        return bool(part.members) and not is_play(part.members[0].effect)
+    one = named[part.index]
+    return one.stands and part.share > _MUCH and any(rival.posterior * ODDS >= one.posterior for rival in one.rivals)
+
+
+def _joined(result: SearchResult, used: Sequence[ObservedRun], elsewhere: Sequence[ObservedRun]) -> list[PossibleTest]:
+    """Return the test that uses the runs of another place as well, which takes no driving."""
+    if not elsewhere:
+        return []
+    runs = [*used, *elsewhere]
+    setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
+    linear = linearise(without_bands(blocks_of(runs, setups)), setups)
+    return [PossibleTest(JOINED, "they were driven already", ExpectedPosterior(linear, result.state.level), 0.0, 0, 0)]

@@ -1,0 +1,143 @@
+"""The parts of the error added to the model one by one, the largest first: what each model leaves of the readings.
+
+Each model is simulated, and its set-ups are fitted to the runs used as those of the gap are, so that the first and the
+last step are the gap of the diagnosis before and calibrated. Those between are judged by some hundred readings of each
+circle, which takes a thirtieth of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.inference.background import background_terms
+from analysis.inference.budget import Measure, group_of
+from analysis.inference.observation import ObservedRun, rms, thinned
+from analysis.inference.residuals import curves_of, maps_of
+from analysis.inference.responses import Linearisation
+from analysis.inference.result import BudgetPart, Diagnosis, Gap
+from analysis.inference.search import SearchResult
+from analysis.inference.setups import fit_run_setups, with_effects
+from analysis.inference.staircase import Left, Staircase, Step
+from analysis.inference.validation import Stages
+from analysis.kinematics.arm import Array
+from analysis.traces.tables import CircleTable
+from rigs.calibration import effects_of
+from rigs.effects import Effect
+from rigs.schema.effect import label_of
+
+_MOST_STEPS = 6
+"""Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
+_LEAST = 0.05
+"""Share of the gap that a part makes by itself, root mean square, from which it has a step of its own. Chosen: less is
+hardly seen on a chart."""
+_ROWS = 256
+"""Readings of a circle by which a step between the first and the last is judged. Chosen: they give its root mean square
+to some percent."""
+
+
+@dataclass(frozen=True)
+class _Rung:
+    """A step before it is judged: the places in the budget of what it adds, and all effects of its model."""
+
+    parts: tuple[int, ...]
+    effects: tuple[Effect, ...]
+
+
+def staircase_of(
+    found: Diagnosis, result: SearchResult, stages: Stages, *places: Sequence[ObservedRun]
+) -> Staircase | None:
+    """Return the staircase of a diagnosis whose budget and gaps are known; `places` are the runs used, the held-out
+    runs and those at an unseen place, of (m, k) mm. None where nothing was added to the model."""
+    rungs = list(_rungs(found, result, stages))
+    if len(rungs) < 2:
+        return None
+    gaps = (found.train, found.held_out, found.unseen)
+    left_um = [[gap.before_um if gap else None for gap in gaps]]
+    left_um += left_um_of([rung.effects for rung in rungs[1:-1]], [list(map(_thinned, runs)) for runs in places])
+    left_um.append([gap.calibrated_um if gap else None for gap in gaps])
+    steps = [Step(rung.parts, *_lefts(gaps, row)) for rung, row in zip(rungs, left_um, strict=True)]
+    return Staircase(tuple(steps), *drawn(result.linear, [rung.effects for rung in rungs]))
+
+
+def _lefts(gaps: Sequence[Gap | None], left_um: Sequence[float | None]) -> tuple[Left, Left | None, Left | None]:
+    """Return what is left at each place with its uncertainty, which is that of the gap there."""
+    used, held_out, unseen = (
+        Left(um, gap.u_um) if gap is not None and um is not None else None
+        for gap, um in zip(gaps, left_um, strict=True)
+    )
+    assert used is not None  # noqa: S101 - a diagnosis has runs that it used
+    return used, held_out, unseen
+
+
+def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Rung]:
+    """Yield the models: the one begun with, with each large part, the largest first, and the calibrated one, with all
+    others. What no model removes, as scatter, has no step."""
+    effects, budget = stages.effects[-1], found.budget
+    pieces = _pieces(found, result, stages)
+    added = [k for k, one in enumerate(budget) if one.label in pieces]
+    added.sort(key=lambda k: -budget[k].um)
+    least_um = _LEAST * found.train.before_um
+    large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
+    yield _Rung((), ())
+    names: list[Effect] = []
+    shown: list[tuple[Effect, float]] = []
+    for k in large:
+        # What cancels a part is on its line of the budget, and comes with it.
+        for label in (budget[k].label, *budget[k].cancelled):
+            own_names, own_terms = pieces.get(label, ((), ()))
+            names += own_names
+            shown += own_terms
+        yield _Rung((k,), (*names, *effects_of(shown)))
+    small = tuple(k for k in added if k not in large)
+    if small:
+        yield _Rung(small, effects)
+
+
+_Piece = tuple[tuple[Effect, ...], tuple[tuple[Effect, float], ...]]
+"""What a part adds to the model: effects as they were fitted, and effects of which it has so many times."""
+
+
+def _pieces(found: Diagnosis, result: SearchResult, stages: Stages) -> dict[str, _Piece]:
+    """Return what each part of the budget adds to the model, by its label: a fitted effect, or the terms of the
+    calibrated background that are of its kind and joint."""
+    pieces: dict[str, _Piece] = {}
+    if stages.has_background:
+        for term in background_terms(result.calibrated_posterior):
+            kind, axis = group_of(term.effect)
+            label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
+            _, terms = pieces.get(label, ((), ()))
+            pieces[label] = (), (*terms, (term.effect, term.times))
+    return pieces | {label_of(one): ((one,), ()) for one in stages.effects[-1] if one in result.state.refined.effects}
+
+
+def left_um_of(
+    models: Sequence[tuple[Effect, ...]], places: Sequence[Sequence[ObservedRun]]
+) -> Iterator[list[float | None]]:
+    """Yield what models with these effects leave in µm of the runs of each place, of (m, k) mm, with the set-ups fitted
+    to those of the first; None where a place has no runs."""
+    setups, fitted = None, []
+    for effects in models:
+        setups, _ = fit_run_setups(with_effects(places[0], effects), setups)
+        fitted.append(setups)
+    steps = Stages(tuple(models), tuple(fitted))
+    each = [steps.left(runs) if runs else [None] * len(models) for runs in places]
+    for left in zip(*each, strict=True):
+        yield [None if one is None else 1e3 * rms(one) for one in left]
+
+
+def _thinned(run: ObservedRun) -> ObservedRun:
+    return replace(run, one=thinned(run.one, _ROWS)) if isinstance(run.one.table, CircleTable) else run
+
+
+def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Return what models with these effects leave of each circle (steps, n, 2) and at targets (steps, n) in µm, with
+    the set-ups as free as in the gap."""
+    measure, curves, maps = Measure(linear), [], []
+    for effects in models:
+        left = linear.in_mm(measure.without_set_up(linear.residual(effects)))
+        curves.append([one.after_um for one in curves_of(linear.blocks, left, left)])
+        maps.append([one.after_um for one in maps_of(linear.blocks, left, left)])
+    return tuple(map(np.array, zip(*curves, strict=True))), tuple(map(np.array, zip(*maps, strict=True)))

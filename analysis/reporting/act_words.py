@@ -1,0 +1,124 @@
+"""Acts in sentences: what to do, what it takes the error to and where that was found, and what speaks against it.
+
+The acts are values (`analysis.inference.acts`); nothing is decided here. Screen, page, session and history say them
+with these words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from analysis.inference.acts import Act, Against
+from analysis.inference.naming_tests import JOINED
+from analysis.inference.result import Diagnosis, Member
+from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
+from analysis.reporting.texts import Texts, texts_of
+from rigs.effects import Effect, size_field
+
+
+@dataclass(frozen=True)
+class ActWords:
+    """The sentences of the acts of a diagnosis in a language."""
+
+    found: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+
+    @property
+    def next(self) -> str:
+        """The first act, what it removes, and what speaks against it; empty where there is none."""
+        act = self.found.next_act
+        return self.sentence(act) if act else ""
+
+    def sentence(self, act: Act) -> str:
+        """An act in full: what to do, what that removes, and what speaks against it."""
+        against = self.against(act)
+        return " ".join(filter(None, [self.what(act), self.removes(act), f"({against})" if against else ""]))
+
+    def what(self, act: Act) -> str:
+        """What to do, as a sentence."""
+        texts = self.texts
+        if act.kind == "none":
+            return texts(f"act_none_{act.why}", parts=self.parts(act))
+        if act.kind == "measure":
+            return self._measure(act)
+        if act.effect is None:
+            return texts("act_mount_unexplained" if act.kind == "mount" else f"act_{act.kind}", command=command(act))
+        return texts(f"act_{act.kind}", cause=self.noun(act.effect), size=self._size(act), axis=_axis(act.effect))
+
+    def removes(self, act: Act) -> str:
+        """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
+        if act.kind in ("none", "measure") or (act.kind == "mount" and act.effect is None):
+            return ""
+        before = act.removes_um + act.remains_um
+        key = "act_changes" if act.removes else "act_hardly"
+        return self.texts(
+            key, before=micrometres(before), after=within(act.remains_um, act.remains_u_um),
+            place=self.texts(f"place_{act.place}"),
+        )  # fmt: skip
+
+    def against(self, act: Act) -> str:
+        """What speaks against it, in a few words; empty where nothing does."""
+        return "; ".join(self._against(one) for one in act.against)
+
+    def members(self, members: Sequence[Member]) -> str:
+        """What a group may be, each with its odds."""
+        return ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in members)
+
+    def noun(self, effect: Effect) -> str:
+        """An effect as a person says it within a sentence."""
+        return AnswerWords(self.found, self.texts).noun(effect)
+
+    def parts(self, act: Act) -> str:
+        """The parts of the error that an act serves."""
+        words = AnswerWords(self.found, self.texts)
+        return ", ".join(words.part_name(self.found.budget[k]) for k in act.parts)
+
+    def _measure(self, act: Act) -> str:
+        texts, test = self.texts, act.test
+        if act.why == "few_runs":
+            return texts("next_repeat", count=act.runs)
+        if act.why == "not_visible":
+            return texts("next_plan")
+        if act.why == "elsewhere":
+            return texts("act_elsewhere")
+        if test is None:
+            return texts("next_elsewhere" if act.why == "rivals" else "act_group_no_test", parts=self.parts(act))
+        share = percent(sum(self.found.budget[k].share for k in act.parts))
+        if test.test == JOINED:
+            return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
+        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("no_minutes")
+        which = "act_rivals" if act.why == "rivals" else "act_group"
+        return texts(
+            which, test=test.test, minutes=minutes, parts=self.parts(act),
+            odds=sure(test.odds_then), share=share,
+        )  # fmt: skip
+
+    def _size(self, act: Act) -> str:
+        assert act.effect is not None  # noqa: S101 - asked of acts that have one
+        own = size_field(act.effect)
+        return with_uncertainty(act.effect, own, {own: act.u} if act.u is not None else {})
+
+    def _against(self, one: Against) -> str:
+        texts = self.texts
+        if one.why == "doubt" and one.doubt:
+            return texts(f"doubt_{one.doubt}")
+        count = "" if one.runs is None else one.runs
+        return texts(f"against_{one.why}", names=texts("or").join(one.names), count=count)
+
+
+def acts_in_words(found: Diagnosis, texts: Texts) -> list[str]:
+    """Every act of a diagnosis as a sentence, the first one first."""
+    words = ActWords(found, texts)
+    return [words.sentence(act) for act in found.acts]
+
+
+def command(act: Act) -> str:
+    """The command of an act as a person types it; empty where none does it."""
+    return " ".join(["rig", *act.command]) if act.command else ""
+
+
+def _axis(effect: Effect) -> str:
+    return str(getattr(effect, "axis", ""))

@@ -1,0 +1,90 @@
+"""The staircase of the gap as people see it: the name of each step and what it leaves, in words and on the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.table import Table
+
+from analysis.inference.disagreement import Disagreement
+from analysis.inference.result import Diagnosis
+from analysis.inference.staircase import Left, Staircase
+from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.diagnosis_words import plain
+from analysis.reporting.texts import Texts, texts_of
+from analysis.reporting.wide_tables import whole
+
+_BAR = 16
+"""Letters of the longest bar on the screen."""
+
+
+@dataclass(frozen=True)
+class Stair:
+    """A step by name, and what it leaves at each place of the stairs."""
+
+    name: str
+    left: tuple[Left, ...]
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """All steps; `places` are the keys of the texts of where something is left, the runs used first."""
+
+    places: tuple[str, ...]
+    steps: tuple[Stair, ...]
+
+    @property
+    def largest_um(self) -> float:
+        """The most that a step leaves anywhere."""
+        return max(1e-9, *(left.um for step in self.steps for left in step.left))
+
+
+def stairs_of(found: Diagnosis, texts: Texts | None = None) -> Stairs | None:
+    """The stairs of a diagnosis; None where it has none."""
+    if found.staircase is None:
+        return None
+    texts = texts or texts_of("en")
+    words = AnswerWords(found, texts)
+    names = []
+    for step in found.staircase.steps[1:]:
+        count = len(step.parts)
+        part = texts("smaller_parts", count=count) if count > 1 else words.part_name(found.budget[step.parts[0]])
+        names.append(texts("step_with", part=part))
+    return _named(found.staircase, [texts("step_first"), *names])
+
+
+def stairs_of_model(found: Disagreement) -> Stairs | None:
+    """The stairs of a rig file's effects and its calibration; None where its model has none."""
+    if found.staircase is None:
+        return None
+    texts, rig = texts_of("en"), found.rig
+    parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
+    names = [texts("step_with", part=parts[step.parts[0]]) for step in found.staircase.steps[1:]]
+    return _named(found.staircase, [texts("step_bare"), *names])
+
+
+def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
+    lefts = [tuple(filter(None, (one.used, one.held_out, one.unseen))) for one in staircase.steps]
+    return Stairs(staircase.places, tuple(map(Stair, names, lefts)))
+
+
+def left_words(left: Left) -> str:
+    """What is left ± its standard uncertainty, in µm; what is far below that, as less than it."""
+    if left.um < left.u_um / 2:
+        return f"< {left.u_um:.1f}"
+    return f"{left.um:.1f} ± {left.u_um:.1f}" if left.u_um > 0 else f"{left.um:.1f}"
+
+
+def stairs_table(stairs: Stairs) -> Table:
+    """The stairs on the screen, a bar for what is left on the runs used."""
+    texts = texts_of("en")
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
+    table.add_column("µm rms left")
+    for place in stairs.places:
+        table.add_column(texts(f"runs_{place}"), justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for step in stairs.steps:
+        width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
+        table.add_row(step.name, *map(left_words, step.left), "█" * width)
+    return whole(table)

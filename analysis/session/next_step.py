@@ -1,0 +1,128 @@
+"""What comes next in a session: it follows from the state alone, so that a session goes on wherever it was cut off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from analysis.session.state import Answer, Purpose, Session
+
+_UNEXPLAINED = 0.1
+"""Share of the error without an explanation up to which named faults answer the question. Chosen."""
+_SETTLED = ("named", "nothing_unusual", "uncalibrated")
+"""Conditions that more runs of the same would not change."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The step of this number is driven."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Infer:
+    """What there is, is understood. joins: whether the runs of the place that has judged are used as well."""
+
+    joins: bool = False
+
+
+@dataclass(frozen=True)
+class Decide:
+    """The answer decides whether more is measured."""
+
+
+@dataclass(frozen=True)
+class Correct:
+    """The correction is made."""
+
+
+@dataclass(frozen=True)
+class Enter:
+    """The values are entered."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was driven afterwards is set beside what was before, and the page is written."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """Nothing is left."""
+
+
+Action = Drive | Infer | Decide | Correct | Enter | Report | Done
+
+
+def next_of(session: Session) -> Action:
+    """Return what comes next in a session."""
+    following = _finding(session) or (_correcting(session) if session.aim != "check" else None)
+    return following or (Done() if session.report else Report())
+
+
+def _finding(session: Session) -> Action | None:
+    """What comes next until the errors are found and the place that judges was driven, None after that."""
+    if (number := first_open(session, "find")) is not None:
+        return Drive(number)
+    if not session.answered:
+        is_known = session.answer is not None and session.answer.runs == len(session.runs_for("find"))
+        return Decide() if is_known else Infer()
+    number = first_open(session, "judge")
+    return None if number is None else Drive(number)
+
+
+def _correcting(session: Session) -> Action | None:
+    """What comes next from the last inference to the last run after the correction, None after that."""
+    answer, correction = session.answer, session.correction
+    if correction is None:
+        return _understanding(session, answer) or Correct()
+    if correction.way == "entries" and not correction.entered:
+        return Enter()
+    number = first_open(session, "verify")
+    return None if number is None else Drive(number)
+
+
+def _understanding(session: Session, answer: Answer | None) -> Action | None:
+    """What comes next until all runs are understood and nothing more is measured, None after that.
+
+    The other place judges first what was found without it; then its runs join, and what they show as well decides.
+    """
+    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    if answer is not None and session.is_last(answer):
+        return None if session.decided == answer.runs else Decide()
+    judged = session.judged
+    has_judged = judged is not None and (judged.runs, judged.judges) == (found, judges)
+    return Infer(joins=True) if has_judged else Infer()
+
+
+def first_open(session: Session, purpose: Purpose) -> int | None:
+    """Return the number of the first open step with a purpose."""
+    return next((k for k, step in enumerate(session.steps) if step.purpose == purpose and step.is_open), None)
+
+
+def is_answered(session: Session, answer: Answer) -> bool:
+    """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
+    circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
+    repeated = bool(circles) and all(circles.count(one) >= _REPEATS for one in (("yaw", "acw"), ("yaw", "cw")))
+    unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
+    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
+
+
+def why_nothing(session: Session) -> str:
+    """Return why the robot is not corrected by what was found, in a sentence; empty where it may be.
+
+    Where the other place judged, its verdict counts, and not that of the last answer, which nothing judged.
+    """
+    answer = session.judged or session.answer
+    return _WHY_NOTHING.get(answer.ground, "") if answer else ""
+
+
+_WHY_NOTHING = {
+    "unknown_cause": "Correct nothing: what explains most of the error is in no library, and a correction that leaves "
+    "it out may add to the error elsewhere. --correct programs corrects by it all the same.",
+    "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
+    "corrects by it all the same.",
+}
+"""By the ground on which nothing is corrected (`rigs.calibration.ground_of`)."""
+_REPEATS = 2
+"""Runs of a circle in each direction, at least, before its scatter is measured."""

@@ -1,0 +1,168 @@
+"""The arm of each dialect: the controller's nominal one, which solves poses, and the real one, which is wrong.
+
+Both are multiplied out here from the rig file's constants (modified Denavit-Hartenberg, mm, rad)."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from analysis.kinematics.arm import arm_of
+from analysis.kinematics.inverse import inverse
+from rigs.effects import Found, JointOffset, LinkGeometry, TransmissionError
+from rigs.rig import Rig
+from tests.support.independent_arm import Constants, Wrong, flange
+from tests.support.interpreters.arms import rig_of
+
+Array = NDArray[np.float64]
+DIALECTS = ("ur", "kuka", "abb", "fanuc", "yaskawa")
+RIGS = {
+    "ur": "ur10e",
+    "kuka": "kuka-kr-10-r1100-2",
+    "abb": "abb-irb-120",
+    "fanuc": "fanuc-m-10ia",
+    "yaskawa": "yaskawa-gp7",
+}
+POSTURE_DEG = {
+    "ur": (20, -80, 100, -40, 80, 20),
+    "kuka": (20, -80, 90, 30, 60, -30),
+    "abb": (20, 10, 20, 30, 60, 40),
+    "fanuc": (20, 10, -20, 20, -60, 30),
+    "yaskawa": (20, 10, -10, 20, -60, 30),
+}
+"""The middle of the drawn targets: far from singular, every axis off its zero."""
+_ZEROS_DEG = (0.0, 0.06, -0.05, 0.07, -0.06, 0.04)
+_A3_MM, _GEAR_DEG = 0.4, 0.03
+_FOUND = Found(
+    date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": 1e-3, "delta": 0.01, "amplitude_deg": 5e-4}
+)
+
+
+def _found(key: str) -> Found:
+    return _FOUND.model_copy(update={"sd": {key: _FOUND.sd[key]}})
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An arm whose rig file names what is wrong with it."""
+
+    rig: Rig
+    nominal: Constants
+    wrong: Wrong
+    centre: Array
+    limits: Array
+
+    def allows(self, q: Array) -> bool:
+        """Return whether joint angles (6,) rad are within the limits."""
+        return bool((q >= self.limits[:, 0]).all() and (q <= self.limits[:, 1]).all())
+
+    def flanges(self, q: Array) -> Array:
+        """Frames (n, 4, 4) in the robot's base of the real flange at reported angles q (n, 6) rad."""
+        R, p = flange(self.nominal, self.wrong, q)
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = R, p
+        return T
+
+
+@lru_cache
+def cell(dialect: str) -> Cell:
+    """Return the cell of a dialect."""
+    rig = rig_of(RIGS[dialect])
+    zeros = [
+        JointOffset(axis=axis, offset_deg=deg, found=_found("offset_deg"))
+        for axis, deg in enumerate(_ZEROS_DEG, start=1)
+        if deg
+    ]
+    others = (
+        LinkGeometry(axis=3, field="a", delta=_A3_MM, found=_found("delta")),
+        TransmissionError(axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=_found("amplitude_deg")),
+    )
+    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong.offset[:] = np.radians(_ZEROS_DEG)
+    wrong.a[2] = _A3_MM
+    wrong.sine[0, 1] = np.radians(_GEAR_DEG)
+    axes = rig.robot.axes
+    nominal = Constants(
+        np.array([axis.a_mm for axis in axes]),
+        np.radians([axis.alpha_deg for axis in axes]),
+        np.array([axis.d_mm for axis in axes]),
+        np.radians([axis.offset_deg for axis in axes]),
+        np.array(rig.robot.coupling),
+    )
+    known = rig.model_copy(update={"effects": (*zeros, *others)})
+    limits = np.radians([axis.limits_deg for axis in axes])
+    return Cell(known, nominal, wrong, np.radians(np.array(POSTURE_DEG[dialect], dtype=float)), limits)
+
+
+def chain(arm: Constants, q: Array) -> tuple[Array, Array]:
+    """Return the nominal flange (4, 4) at q (6,) rad and its motions (6, 6) per rad of each reported angle: mm, rad."""
+    theta = arm.coupling @ q + arm.offset
+    T, axes, places = np.eye(4), np.empty((6, 3)), np.empty((6, 3))
+    cosines, sines = np.cos(theta), np.sin(theta)
+    ca, sa = np.cos(arm.alpha), np.sin(arm.alpha)
+    for k in range(6):
+        c, s = cosines[k], sines[k]
+        T = T @ np.array(
+            [
+                [c, -s, 0.0, arm.a[k]],
+                [s * ca[k], c * ca[k], -sa[k], -sa[k] * arm.d[k]],
+                [s * sa[k], c * sa[k], ca[k], ca[k] * arm.d[k]],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+        axes[k], places[k] = T[:3, 2], T[:3, 3]
+    motions = np.vstack([np.cross(axes, T[:3, 3] - places).T, axes.T]) @ arm.coupling
+    return T, motions
+
+
+def links(arm: Constants, q: Array) -> list[Array]:
+    """Return the frames (4, 4) of the six links at q (6,) rad, the last of which is the flange."""
+    theta = arm.coupling @ q + arm.offset
+    T, frames = np.eye(4), []
+    for k in range(6):
+        c, s, ca, sa = np.cos(theta[k]), np.sin(theta[k]), np.cos(arm.alpha[k]), np.sin(arm.alpha[k])
+        rows = [[c, -s, 0.0, arm.a[k]], [s * ca, c * ca, -sa, -sa * arm.d[k]], [s * sa, c * sa, ca, ca * arm.d[k]]]
+        T = T @ np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+        frames.append(T)
+    return frames
+
+
+def solved(arm: Constants, F: Array, q: Array) -> Array | None:
+    """Return joint angles (6,) rad near q for a flange F (4, 4), or None where Newton's steps do not end."""
+    q = q.copy()
+    for _ in range(30):
+        T, motions = chain(arm, q)
+        turn = F[:3, :3] @ T[:3, :3].T
+        error = np.concatenate([F[:3, 3] - T[:3, 3], Rotation.from_matrix(turn).as_rotvec()])
+        if np.abs(error[:3]).max() < 1e-7 and np.abs(error[3:]).max() < 1e-10:
+            return q
+        try:
+            step = np.linalg.solve(motions, error)
+        except np.linalg.LinAlgError:
+            return None
+        q += step * min(1.0, 0.6 / max(float(np.abs(step).max()), 1e-12))
+    return None
+
+
+@lru_cache
+def branches(dialect: str) -> Array:
+    """Return the ways (n, 6) rad in which the nominal arm can stand with its flange where the middle has it, the middle
+    first. The closed form of the product begins, the steps here end."""
+    here = cell(dialect)
+    arm, (F, _) = arm_of(here.rig.robot), chain(here.nominal, here.centre)
+    given = inverse(arm, (arm.T_world_base @ F @ arm.T_flange_tool)[None])
+    ways = [solved(here.nominal, F, q) for q in given.q[0][given.found[0]]]
+    others = [q for q in ways if q is not None and here.allows(q) and np.abs(q - here.centre).max() > 0.1]
+    return np.array([here.centre, *others])
+
+
+def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:
+    """Return a frame (4, 4) in mm."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn.as_matrix(), place
+    return T

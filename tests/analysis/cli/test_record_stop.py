@@ -1,0 +1,63 @@
+"""`rig record stop`: what it says of a run that was stopped too early, or bears the wrong label, and what mends it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+
+from analysis.measures.usable import fitness
+from daq.service import client
+from rigs.schema.vocabulary import Direction
+from tests.support.command_line import ran
+from tests.support.recorded_lap import recorded
+
+CUT = "the robot was still driving when the recording ended"
+
+
+@pytest.mark.parametrize(
+    ("label", "part", "stands_s", "said", "unsaid"),
+    [
+        ("acw", 1.0, 3.0, [], [CUT, "cannot be analysed"]),
+        ("acw", 0.3, 0.0, [CUT, "cannot be analysed", "stop the next one when the robot has stood"], ["relabel"]),
+        ("acw", 0.6, 0.0, [CUT], ["cannot be analysed", "relabel"]),  # it unwinds: its lap is whole
+        ("cw", 0.35, 3.0, ["is labelled cw, the robot moved acw", "rig relabel {run} --direction acw"], [CUT]),
+        ("cw", 0.35, 0.0, [CUT, "rig relabel {run} --direction acw"], []),
+    ],
+)
+def test_the_remedy_is_the_one_that_mends_the_run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    label: Direction,
+    part: float,
+    stands_s: float,
+    said: list[str],
+    unsaid: list[str],
+) -> None:
+    run = recorded(tmp_path, label=label, part=part, stands_s=stands_s)
+
+    class Daemon:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def __enter__(self) -> Self:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def ask(self, command: str, **_: object) -> dict[str, Any]:
+            return {"run": str(run), "counters": {"robot": {"samples": 100}}} if command == "record_stop" else {}
+
+    monkeypatch.setattr(client, "Client", Daemon)
+    monkeypatch.setattr(client, "find_socket", lambda rig: tmp_path)
+    done = ran("record", "stop")
+    assert done.returncode == 0 and done.stdout == f"{run}\n"
+    for words in said:
+        assert words.format(run=run) in done.stderr
+    for words in unsaid:
+        assert words not in done.stderr
+    if label == "cw":
+        assert ran("relabel", run, "--direction", "acw").returncode == 0
+        assert fitness(run).drove is None

@@ -1,0 +1,345 @@
+"""What a program does to tool, frame and arm on its way to a target, in RAPID, TP and INFORM: rows as of
+`test_safe_programs`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.kinematics.arm import arm_of
+from analysis.robot_programs.posture import posture_of
+from rigs.rig import Rig
+from tests.analysis.correction.programs.test_safe_programs import Left, _corrected, _filled, _left
+from tests.analysis.correction.programs.test_user_programs import (
+    ABB,
+    ABB_TOOL,
+    FANUC,
+    YASKAWA,
+    _fanuc_joints,
+    _fanuc_point,
+    _fanuc_pose,
+    _quaternion,
+    _robtarget,
+    _yaskawa_pose,
+)
+from tests.support.interpreters.arms import rig_of
+
+
+def _abb(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
+    rig = rig_of("abb-irb-120")
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+
+    def joints(k: int) -> str:
+        return f"[[{','.join(map(str, ABB[k]))}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+    filled = _filled(files, lambda k: _robtarget(rig, ABB[k], np.eye(4)), joints, len(ABB))
+    return rig, {name: text.replace("{t}", tool) for name, text in filled.items()}
+
+
+def _module(body: str, rest: str = "", data: str = "") -> dict[str, str]:
+    return {"a.mod": f"MODULE a\n{{t}}\n{data}\nPROC main()\n{body}ENDPROC\n{rest}ENDMODULE\n"}
+
+
+L0, L1, L2 = (f"MoveL {{p{k}}},v9,fine,t;\n" for k in range(3))
+J0 = "MoveAbsJ {q0},v9,fine,t;\n"
+ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
+    "plain": (_module(J0 + L1 + L2), []),
+    "a usual program": (
+        _module(
+            "AccSet 50,50;\nConfL\\On;\nSingArea\\Off;\nReset do1;\nTPErase;\nTPWrite \"x\";\n" + J0
+            + "Grip;\nSetDO do2,1;\nWaitTime 0.5;\nIF di1=1 THEN\nn:=n+Abs(m);\nELSE\nStop;\nENDIF\n" + L1
+            + "IF di2=1 SetDO do1,0;\nFOR i FROM 1 TO 3 DO\n" + L2 + "ENDFOR\nWHILE n<3 DO\nIncr n;\nENDWHILE\n"
+            "TEST n\nCASE 1:\n" + L1 + "DEFAULT:\nExitCycle;\nENDTEST\nGripLoad load0;\nClkReset c;\n",
+            "PROC Grip()\nSet do3;\nWaitDI di3,1;\nENDPROC\n",
+        ),
+        [],
+    ),
+    "a tool that a routine is given": (
+        _module(J0 + "go t;\n", "PROC go(PERS tooldata t)\nMoveJ {p1},v9,fine,t;\nENDPROC\n"), [(9, "unknown_tool")]
+    ),
+    "a tool of a routine's own": (
+        _module(J0 + "go;\n", "PROC go()\nVAR tooldata t;\nt:=x;\nMoveJ {p1},v9,fine,t;\nENDPROC\n"),
+        [(11, "unknown_tool")],
+    ),
+    "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "not_understood")]),
+    "a work object after a comma": (_module(J0 + "MoveL {p1},v9,fine,t,\\WObj:=wobj0;\n"), []),
+    "a displacement": (_module(J0 + "PDispSet p;\n" + L1 + "PDispOff;\n" + L2), [(7, "displaced")]),
+    "one from two points": (_module(J0 + "PDispOn\\Rot,pA,t;\n" + L1), [(7, "displaced")]),
+    "one in a branch": (_module(J0 + "IF a THEN\nPDispSet p;\nENDIF\n" + L1), [(9, "not_understood")]),
+    "one that a routine sets": (
+        _module(J0 + "SetDown;\n" + L1, "PROC SetDown()\nPDispSet p;\nENDPROC\n"), [(7, "displaced")]
+    ),
+    "joint angles are not displaced": (_module("PDispSet p;\n" + J0), []),
+    "a part of a tool": (_module(J0 + "t.tframe.trans.z:=100;\n" + L1), [(7, "unknown_tool")]),
+    "a tool that is computed": (_module(J0 + "t:=other(1);\n" + L1), [(7, "not_understood")]),
+    "a part of a work object": (
+        _module(
+            J0 + "w.oframe.trans:=x;\nMoveL {p1},v9,fine,t\\WObj:=w;\n",
+            data='PERS wobjdata w:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+        ),
+        [(7, "unknown_frame")],
+    ),
+    "a work object that moves": (
+        _module(
+            J0 + "MoveL {p1},v9,fine,t\\WObj:=w;\n",
+            data='PERS wobjdata w:=[FALSE,FALSE,"CNV1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+        ),
+        [(6, "unknown_frame")],
+    ),
+    "a tool on the ground": (
+        _module(
+            J0 + "MoveL {p1},v9,fine,g;\n",
+            data="PERS tooldata g:=[FALSE,[[5,0,90],[1,0,0,0]],[1,[0,0,50],[1,0,0,0],0,0,0]];",
+        ),
+        [(6, "unknown_tool")],
+    ),
+    "an own routine that begins as an instruction": (
+        _module("ConfL\\Off;\n" + J0 + "WaitHome;\n" + L1, "PROC WaitHome()\nMoveJ {p2},v9,fine,t;\nENDPROC\n"),
+        [],
+    ),
+    "one that is not here": (_module("ConfL\\Off;\n" + J0 + "WriteBack;\n" + L1), [(8, "not_understood")]),
+    "a line without configuration": (_module("ConfL\\Off;\n" + J0 + L0), []),
+    "a trap": (
+        _module("CONNECT i WITH tr;\n" + J0 + L1, "TRAP tr\nPDispSet p;\nENDTRAP\n"), [(7, "not_understood")]
+    ),
+    "a handler": (_module(J0 + L1 + "ERROR\nPDispSet p;\nTRYNEXT;\n"), [(6, "not_understood")]),
+    "a handler that does nothing": (_module(J0 + L1 + "ERROR\nTPWrite \"x\";\nRETRY;\n"), []),
+    "a routine of a module beside": (
+        {**_module(J0 + "go;\n" + L1), "b.mod": "MODULE b\nPROC go()\nPDispOn\\Rot,p,t;\nENDPROC\nENDMODULE\n"},
+        [(7, "displaced")],
+    ),
+    "a tool of a module beside": (
+        {
+            "a.mod": "MODULE a\nPROC main()\nMoveJ {p1},v9,fine,t;\nENDPROC\nENDMODULE\n",
+            "b.sys": "MODULE b\n{t}\nENDMODULE\n",
+        },
+        [],
+    ),
+    "a point that a module beside writes": (
+        {
+            **_module("MoveJ p,v9,fine,t;\n", data="PERS robtarget p:={p1};"),
+            "b.mod": "MODULE b\nPROC go()\np.trans.z:=5;\nENDPROC\nENDMODULE\n",
+        },
+        [(3, "changed")],
+    ),
+    "a point handed to a routine": (
+        _module(
+            "MoveJ p,v9,fine,t;\nchange p;\n", "PROC change(INOUT robtarget q)\nENDPROC\n", "PERS robtarget p:={p1};"
+        ),
+        [(3, "changed")],
+    ),
+    "a point with an offset that is computed": (
+        _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
+        [(3, "offset"), (6, "offset")],
+    ),
+    "a point with an offset of 1 mm": (
+        _module(
+            "MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,1),v9,fine,t;\nMoveL RelTool(p,1,0,0),v9,fine,t;\n",
+            data="CONST robtarget p:={p1};",
+        ),
+        [],
+    ),
+    "a correction by a sensor": (_module(J0 + "MoveL {p1},v9,fine,t\\Corr;\n"), [(6, "tracked")]),
+    "axis 4 locked": (_module(J0 + "SingArea\\LockAxis4;\n" + L1), [(7, "switched")]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", ABB_ROWS)
+def test_abb(row: str, tmp_path: Path) -> None:
+    files, left = ABB_ROWS[row]
+    rig, files = _abb(files)
+    assert _left(_corrected(rig, tmp_path, files)) == left
+
+
+def _fanuc(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
+    """Listings with the points P[1] in joint angles, and P[2] and P[3] in frame 3, P[4] in frame 0, all in tool 1."""
+    rig = rig_of("fanuc-m-10ia")
+    frame = _fanuc_pose(rig, FANUC[1], np.eye(4))
+    points = [
+        _fanuc_point(1, _fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
+        _fanuc_point(2, frame, "UF : 3, UT : 1,"),
+        _fanuc_point(3, _fanuc_pose(rig, (18, 14, -26, 5, -60, 35), np.eye(4)), "UF : 3, UT : 1,"),
+        _fanuc_point(4, frame, "UF : 0, UT : 1,"),
+    ]
+    first = next(iter(files))
+    end = "/POS\n" + "\n".join(points).replace("\r", "") + "\n/END\n"
+    return rig, {name: text + (end if name == first else "/POS\n/END\n") for name, text in files.items()}
+
+
+def _listing(*lines: str, head: str = "", name: str = "A") -> str:
+    return f"/PROG  {name}\n{head}/MN\n" + "".join(f"{k:4d}:{line} ;\n" for k, line in enumerate(lines, start=1))
+
+
+J1, L2_, L3_, L4_ = (
+    "J P[1] 100% FINE",
+    "L P[2] 200mm/sec FINE",
+    "L P[3] R[2]mm/sec CNT50 ACC80",
+    "L P[4] 200mm/sec FINE",
+)
+ZERO = [f"PR[5,{axis}]=0" for axis in range(1, 7)]
+FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
+    "plain": ({"a.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM=1", J1, L2_, L3_)}, []),
+    "a usual program": (
+        {
+            "a.ls": _listing(
+                "  !header", "UFRAME_NUM=3", "UTOOL_NUM=1", "PAYLOAD[1]", "OVERRIDE=50%", "R[1]=0", "LBL[1:top]", J1,
+                "DO[1]=ON", "WAIT DI[1]=ON", "WAIT   .50(sec)", "IF DI[2]=ON,JMP LBL[2]", "CALL GRIP(1)", L2_,
+                "FOR R[3]=1 TO 3", "R[1]=R[1]+1", L3_, "ENDFOR", "LBL[2]", "IF (R[1]=1) THEN", "UALM[1]", "ELSE",
+                "F[1]=(ON)", "ENDIF", "SELECT R[1]=1,JMP LBL[1]", "       =2,CALL GRIP(2)", "       ELSE,JMP LBL[3]",
+                "LBL[3]", "WAIT DI[1]=OFF TIMEOUT,LBL[1]", "MESSAGE[x]", "TIMER[1]=STOP", "JMP LBL[1]", "END",
+            ),
+            "grip.ls": _listing("RO[1]=ON", "$WAITTMOUT=100", "WAIT RI[1]=ON", name="GRIP"),
+        },
+        [],
+    ),
+    "a frame from a register": ({"a.ls": _listing(J1, "UFRAME[3]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]),
+    "one whose numbers are known": ({"a.ls": _listing(*ZERO, "UFRAME[3]=PR[5]", J1, L2_)}, []),
+    "one of which some are": ({"a.ls": _listing(*ZERO[:5], "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]),
+    "one by a number in a register": (
+        {"a.ls": _listing(J1, "UFRAME[R[1]]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]
+    ),
+    "a tool from a register": (
+        {"a.ls": _listing(J1, "UTOOL[1]=PR[6]", L2_, L4_)}, [("P[2]", "unknown_tool"), ("P[4]", "unknown_tool")]
+    ),
+    "a frame in a branch": (
+        {"a.ls": _listing("IF R[1]=1,UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
+    ),
+    "a frame after a jump of a camera": (
+        {"a.ls": _listing("VISION GET_OFFSET 'V' VR[1] JMP LBL[1]", "UFRAME[3]=PR[5]", "LBL[1]", L2_)},
+        [("P[2]", "unknown_frame")],
+    ),
+    "a frame after a jump": (
+        {"a.ls": _listing("LBL[1]", L2_, "UFRAME[3]=PR[5]", "JMP LBL[1]")}, [("P[2]", "unknown_frame")]
+    ),
+    "a system variable": ({"a.ls": _listing("$MNUFRAME[1,3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_tool")]),
+    "a program that sets a frame": (
+        {"a.ls": _listing("CALL B", J1, L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
+        [("P[2]", "unknown_frame")],
+    ),
+    "a program that is not here": (
+        {"a.ls": _listing("CALL B", J1, L2_)}, [("P[1]", "not_understood"), ("P[2]", "not_understood")]
+    ),
+    "a macro": ({"a.ls": _listing("Hand open", L2_)}, [("P[2]", "not_understood")]),
+    "one that runs beside": (
+        {"a.ls": _listing("RUN B", L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")}, [("P[2]", "unknown_frame")]
+    ),
+    "a conveyor": (
+        {"a.ls": _listing(J1, L2_, head="/APPL\n  LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUM : 1;\n")},
+        [("P[1]", "tracked"), ("P[2]", "tracked")],
+    ),
+    "an offset": (
+        {"a.ls": _listing(L2_, L3_ + " Offset,PR[3]", L4_ + " Tool_Offset,PR[4]")},
+        [("P[3]", "offset"), ("P[4]", "offset")],
+    ),
+    "an offset of nothing": ({"a.ls": _listing(*ZERO, L2_ + " Offset,PR[5]", L2_)}, []),
+    "an offset that is far": (
+        {"a.ls": _listing(*ZERO, "PR[5,3]=100", L2_ + " Offset,PR[5]", L2_)}, [("P[2]", "offset")]
+    ),
+    "an external tool": ({"a.ls": _listing(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
+    "another robot": ({"a.ls": _listing(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
+    "an option that is not known": ({"a.ls": _listing(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
+    "a point that is written": ({"a.ls": _listing("P[2,3]=100", L2_, L4_)}, [("P[2]", "changed")]),
+    "a point that a register names": (
+        {"a.ls": _listing("P[R[1]]=LPOS", L2_, L4_)}, [(f"P[{k}]", "changed") for k in (1, 2, 3, 4)]
+    ),
+    "a call along the way": (
+        {"a.ls": _listing(L2_ + " TB .10sec,CALL B", L3_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
+        [("P[2]", "unknown_frame"), ("P[3]", "unknown_frame")],
+    ),
+    "an output along the way": ({"a.ls": _listing(L2_ + " TA .10sec,DO[1]=ON", L3_)}, []),
+    "a way that is left": ({"a.ls": _listing(L2_ + " Skip,LBL[1]", "LBL[1]", L3_)}, []),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", FANUC_ROWS)
+def test_fanuc(row: str, tmp_path: Path) -> None:
+    files, left = FANUC_ROWS[row]
+    rig, files = _fanuc(files)
+    found = _corrected(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
+    assert [(one.name, one.reason) for one in found.left if one.reason != "unused"] == left
+    assert len(found.names) + len(found.left) == 4 + sum(one.name == "computed" for one in found.left)
+
+
+def _yaskawa(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
+    """Jobs; {pos} are the positions C1 and C2 in user frame 4, and C3 in the base, all in tool 3."""
+    rig = rig_of("yaskawa-gp7")
+    stands = posture_of(arm_of(rig.robot), np.radians(YASKAWA[0]))
+    form = f"{int(not stands.flip)},{int(not stands.up)},{int(not stands.front)},0,0,0"
+    poses = [_yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)]
+    pos = (
+        f"//POS\n///NPOS 3,0,0,0,0,0\n///TOOL 3\n///POSTYPE USER\n///USER 4\n///RECTAN\n///RCONF {form}\n"
+        f"C00001={poses[0]}\nC00002={poses[1]}\n///POSTYPE BASE\n///RECTAN\n///RCONF {form}\nC00003={poses[0]}\n"
+        "//INST\n///DATE 2026/01/21 16:46\n///ATTR SC,RW\n///GROUP1 RB1\nNOP\n"
+    )
+    return rig, {name: text.replace("{pos}", pos) for name, text in files.items()}
+
+
+def _job(*lines: str, name: str = "A", pos: str = "{pos}") -> str:
+    return f"/JOB\n//NAME {name}\n{pos}" + "\n".join(lines) + "\nEND\n"
+
+
+BARE = "//POS\n///NPOS 0,0,0,0,0,0\n//INST\nNOP\n"
+M1, M2, M3 = "MOVJ C00001 VJ=10.00 PL=0", "MOVL C00002 V=100.0 CR=5.0", "MOVL C00003 V=100.0"
+YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
+    "plain": ({"a.jbi": _job(M1, M2, M3)}, []),
+    "a usual program": (
+        {
+            "a.jbi": _job(
+                "'comment", "SPEED VJ=50.00 V=200.0", "SET B000 0", "*TOP", M1, "DOUT OT#(1) ON", "TIMER T=0.50",
+                "WAIT IN#(1)=ON T=3.00", "CALL JOB:GRIP", "IFTHENEXP B000=1", M2, "ELSE", "INC B000", "ENDIF",
+                "CALL JOB:GRIP IF B000=2", "JUMP *TOP IF IN#(2)=ON", "PULSE OT#(2) T=0.30", "RET IF B000=3", M3,
+                "WHILE B000<4", "ADD B000 1", "ENDWHILE", "MSG \"x\"",
+            ),
+            "grip.jbi": _job("DOUT OT#(3) ON", "WAIT IN#(3)=ON", "RET", name="GRIP", pos=BARE),
+        },
+        [],
+    ),
+    "a shift": ({"a.jbi": _job(M1, "SFTON P001", M2, "SFTOF", M3)}, [(11, "displaced")]),
+    "a shift in a job that is called": (
+        {"a.jbi": _job(M1, "CALL JOB:B", M2), "b.jbi": _job("SFTON P001", name="B", pos=BARE)}, [(11, "displaced")]
+    ),
+    "a shift on one way": (
+        {"a.jbi": _job(M1, "JUMP *ON IF IN#(1)=ON", "SFTON P001", "*ON", M2)}, [(11, "not_understood")]
+    ),
+    "a job that is not here": ({"a.jbi": _job(M1, "CALL JOB:B", M2)}, [(11, "not_understood")]),
+    "a relative job": (
+        {"a.jbi": _job(M1, "CALL JOB:B UF#(5)") + _job(M1, M3, name="B")}, [(33, "unknown_frame")]
+    ),
+    "a frame that is made": ({"a.jbi": _job("MFRAME UF#(4) P001 P002 P003", M1, M3)}, [(10, "unknown_frame")]),
+    "a tool that is set": (
+        {"a.jbi": _job("SETTOOL TL#(3) P001", M1, M3)}, [(10, "unknown_tool"), (15, "unknown_tool")]
+    ),
+    "a conveyor": ({"a.jbi": _job(M1, "SYSTART CV#(1)", M2, "SYEND CV#(1)", M3)}, [(11, "tracked")]),
+    "another robot": ({"a.jbi": _job(M1, "SMOVL C00002 V=100.0")}, [(11, "coordinated")]),
+    "an option that is not known": ({"a.jbi": _job(M1, M2 + " MAGIC")}, [(11, "not_understood")]),
+    "an instruction that is not known": ({"a.jbi": _job(M1, "MAGIC", M2)}, [(11, "not_understood")]),
+    "a position that is used otherwise": ({"a.jbi": _job(M1, "GETE D000 C00001 (1)", M2)}, [(10, "changed")]),
+    "a job beside": (
+        {"a.jbi": _job("PSTART JOB:B", M1), "b.jbi": _job("MFRAME UF#(4) P001 P002 P003", name="B", pos=BARE)},
+        [(10, "unknown_frame")],
+    ),
+    "two jobs in a file": (
+        {"a.jbi": _job(M1, "CALL JOB:B", M2) + _job(M1, "SFTON P001", M2, name="B")},
+        [(11, "displaced"), (35, "displaced")],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r"])
+@pytest.mark.parametrize("row", YASKAWA_ROWS)
+def test_yaskawa(row: str, ends: str, tmp_path: Path) -> None:
+    files, left = YASKAWA_ROWS[row]
+    rig, files = _yaskawa(files)
+    found = _corrected(rig, tmp_path, files, ["3=0,0,150,0,0,0"], ["4=0"], ends=ends)
+    assert _left(found) == left
+    assert len(found.names) == 3 * files["a.jbi"].count("///NPOS") - len(found.left)
+
+
+def test_a_point_that_is_used_with_an_offset_alone_is_corrected_with_it(tmp_path: Path) -> None:
+    module = "MODULE M\nCONST robtarget p10:={p1};\n{t}\nPROC main()\nMoveJ Offs(p10,0,0,50),v9,fine,t;\nENDPROC\n"
+    rig, files = _abb({"b.mod": f"{module}ENDMODULE\n"})
+    found = _corrected(rig, tmp_path, files)
+    assert found.names == ("p10",) and not found.left and found.moved_mm[0] > 0.1

@@ -1,0 +1,93 @@
+"""A verdict travels: what is to correct nothing is refused, or written and marked, and u holds what is unexplained."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.correction.correct import correct_rig
+from analysis.correction.refusal import ANYWAY
+from rigs.calibration import Judged
+from rigs.load import load
+from tests.support.command_line import ran
+from tests.support.handmade_calibration import calibrated_model, written
+
+SOUND = Judged(
+    condition="named", place="unseen", before_um=90, names_um=40, whole_um=30, handed_um=30, noise_um=5,
+    unexplained_um=20,
+)  # fmt: skip
+NOTHING = [
+    ({"handed_um": 95.0}, "where it had no part it leaves 95 of 90 µm rms, no less than without it"),
+    (
+        {"condition": "outside_library", "handed_um": 85.0},
+        "a cause that is in no library remains, 20 µm; it leaves 85 of 90 µm rms where it had no part",
+    ),
+    (
+        {"condition": "outside_library", "place": "used"},
+        "a cause that is in no library remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, and none judged it",
+    ),
+]
+
+
+def _cell(directory: Path, **changed: object) -> Path:
+    judged = Judged.model_validate(SOUND.model_dump() | changed)
+    return written(directory, calibrated_model(judged=judged))[0]
+
+
+def _corrected(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize(("changed", "why"), NOTHING)
+def test_what_is_to_correct_nothing_is_refused_with_the_reason(
+    tmp_path: Path, changed: dict[str, object], why: str
+) -> None:
+    cell, out = _cell(tmp_path, **changed), tmp_path / "out"
+    done = ran("correct", cell, "-o", out)
+    assert done.returncode == 3 and not out.exists()
+    assert f"{cell}: correct nothing by this model: {why}" in done.stderr
+    assert "--anyway writes it, and the files say so" in done.stderr
+
+
+def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
+    cell, out = _cell(tmp_path, handed_um=95.0), tmp_path / "out"
+    assert (
+        ran("program", cell, "--for", "ur", "--test", "radial", "--targets", "-o", tmp_path / "nominal").returncode == 0
+    )
+    path = tmp_path / "nominal" / "radial-path.csv"
+    done = ran("correct", cell, "--path", path, "-o", out, "--anyway")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Against the verdict: correct nothing by this model: where it had no part")
+    text = (out / "corrections.yaml").read_text()
+    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: correct nothing" in text
+    assert yaml.safe_load(text)["verdict"] == "nothing"
+    table = out / "corrected-radial-path.csv"
+    assert {row["against_verdict"] for row in _corrected(table)} == {ANYWAY}
+
+    words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
+    for rig in (cell, "paper-fanuc"):  # the table says it too
+        refused = ran("program", rig, *words)
+        assert refused.returncode == 3 and "correct nothing by this model" in refused.stderr
+    done = ran("program", "paper-fanuc", *words, "--anyway")
+    assert done.returncode == 0, done.stderr
+    (program,) = (tmp_path / "programs").glob("*.script")
+    assert ANYWAY in program.read_text()
+
+
+def test_u_of_each_target_holds_what_the_model_does_not_explain(tmp_path: Path) -> None:
+    path = tmp_path / "path.csv"
+    path.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,10,0,60,0\n10,25,0,20,-70,30\n")
+    u_mm = []
+    for unexplained_um in (0.0, 200.0):
+        rig, _ = load(str(_cell(tmp_path / str(unexplained_um), unexplained_um=unexplained_um)))
+        found = correct_rig(rig, path)
+        assert found.path
+        u_mm.append(np.array([found.path[2].u_mm, found.path[2].u_frame_mm]))
+        work = found.work.u_um, found.work.base.u_um
+    np.testing.assert_allclose(u_mm[1] ** 2 - u_mm[0] ** 2, 3 * 0.2**2, rtol=1e-6)
+    assert min(work) > 1e3 * 0.2

@@ -1,0 +1,74 @@
+"""Files that are there already: what records something stays, what shows runs is made again where rig made it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.command_line import ran
+
+KEPT = [
+    "simulate ur10e --test radial -o {}/runs",
+    "example {}",
+    "arms ur10e -o {}/arm.yaml",
+    "export {run} --to csv -o {}/table.csv",
+    "export-urdf ur10e -o {}/arm.urdf",
+    "program ur10e --for ur --test radial -o {}",
+    "correct {corrected} -o {}",
+    "import {table} --rig ur10e --test radial -o {}/run",
+]
+SHOWN = [
+    "report {run} -o {}/page.html",
+    "analyse {run} --plot {}",
+    "history ur10e --runs {runs} -o {}/page.html",
+]
+
+
+@pytest.fixture(scope="module")
+def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """What the commands above begin with."""
+    work = tmp_path_factory.mktemp("work")
+    assert ran("simulate", "ur10e", "--test", "radial", "-o", work / "runs").returncode == 0
+    (run,) = (work / "runs").iterdir()
+    table, corrected = work / "table.csv", work / "cell.yaml"
+    assert ran("export", run, "--to", "csv", "-o", table).returncode == 0
+    assert ran("example", work / "shipped").returncode == 0
+    text = (work / "shipped" / "ur10e.yaml").read_text()
+    corrected.write_text(f"{text}\neffects: [{{effect: joint_offset, axis: 3, offset_deg: 0.05}}]\n")
+    return {"run": run, "runs": work / "runs", "table": table, "corrected": corrected}
+
+
+def _twice(command: str, names: dict[str, Path], place: Path) -> tuple[dict[Path, bytes], tuple[str | Path, ...]]:
+    """The files of a command after the first time, and its words."""
+    words = tuple(word.format(place, **names) for word in command.split())
+    done = ran(*words)
+    assert done.returncode == 0, done.stderr
+    return {file: file.read_bytes() for file in place.rglob("*") if file.is_file()}, words
+
+
+@pytest.mark.parametrize("command", KEPT)
+def test_what_records_something_is_never_replaced(tmp_path: Path, names: dict[str, Path], command: str) -> None:
+    made, words = _twice(command, names, tmp_path / "out")
+    again = ran(*words)
+    assert again.returncode == 3 and again.stderr.endswith(
+        "exists already; give another --output, or remove it first\n"
+    )
+    assert made and all(file.read_bytes() == data for file, data in made.items())
+
+
+@pytest.mark.parametrize("command", SHOWN)
+def test_what_shows_runs_is_made_again_and_nothing_else_is_replaced(
+    tmp_path: Path, names: dict[str, Path], command: str
+) -> None:
+    made, words = _twice(command, names, tmp_path / "out")
+    assert ran(*words).returncode == 0
+    for file in made:
+        assert file.stat().st_size
+        for other in (b"Dear all,", b"<!doctype html><p>mine", b"\x89PNG\r\n\x1a\nmine"):
+            file.write_bytes(other)
+            again = ran(*words)
+            assert again.returncode == 3 and f"{file}: exists already, and rig did not make it" in again.stderr
+            assert file.read_bytes() == other
+        file.write_bytes(b"")  # of a disk that was full
+        assert ran(*words).returncode == 0 and file.stat().st_size

@@ -1,0 +1,49 @@
+"""Calibration files that were written anew with a hash of their own are held against the rig file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigs.calibration import CalibratedModel, packed_factor
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.handmade_calibration import calibrated_model, written
+
+GOOD = calibrated_model()
+COUNT = len(GOOD.parameters)
+
+
+def _with_term(**changed: Any) -> dict[str, Any]:
+    first, second, *rest = GOOD.terms
+    return {"terms": (first, second.model_copy(update=changed), *rest)}
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"rig": "ur10e"}, "is the calibration of ur10e, and the rig file is that of paper-fanuc"),
+        (_with_term(times=1e30), "term 1 has offset_deg 2e+28 in all, and an arm at most"),
+        ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "the uncertainty of width_deg of term 0 is 1e+30"),
+        ({"joints_deg": ((-30.0, 30.0),) * 7}, "is of an arm of 7 axes, and that of the rig file has 6"),
+        ({"joints_deg": ((30.0, -30.0),) * 6}, "joints_deg are no ranges of joint angles"),
+        ({"before_um": 1e12}, "states errors that no arm has"),
+        ({"calibrated_um": -3.0}, "states errors that no arm has"),
+    ],
+)
+def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(
+    tmp_path: Path, changed: dict[str, Any], why: str
+) -> None:
+    model = CalibratedModel.model_construct(**dict(GOOD) | changed)
+    rig_file, beside = written(tmp_path, model)
+    with pytest.raises(FileError) as refused:
+        load(str(rig_file))
+    assert str(refused.value).startswith(f"{beside}: ") and "diagnose again" in str(refused.value)
+    assert why in str(refused.value)
+
+
+def test_one_that_is_of_the_rig_is_taken(tmp_path: Path) -> None:
+    assert load(str(written(tmp_path)[0]))[0].calibrated is not None

@@ -1,0 +1,90 @@
+"""`scripts/dev mutants`: each change is of code that computes, in its place, and is found where a test fails."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from dev import mutants as program
+from tests.support.durations import Durations
+from tests.support.mutants import Mutant, drawn, files_for, mutants_of
+
+ROOT = Path(__file__).parents[1]
+CODE = '''"""A page of 3 lines."""
+from __future__ import annotations
+
+LIMIT = 2.5  # µm
+
+
+def one(at: int = 0, *, is_on: bool = True) -> float | None:
+    """Return 7."""
+    if at < LIMIT:
+        return LIMIT * (at + 1)
+    if "é" not in "x" and is_on:
+        raise ValueError(f"{at + 3}")
+    return None
+'''
+
+
+def test_each_change_is_of_what_computes_and_leaves_a_sound_file() -> None:
+    found = {(one.line, one.kind, one.before, one.after) for one in mutants_of(CODE, "rigs/it.py")}
+    assert found == {
+        (4, "constant changed", "2.5", "5.0"),
+        (7, "constant changed", "0", "1"),
+        (7, "constant changed", "True", "False"),
+        (9, "condition negated", "at < LIMIT", "(not (at < LIMIT))"),
+        (9, "comparison flipped", "<", ">="),
+        (10, "return removed", "return LIMIT * (at + 1)", "return None"),
+        (10, "operator swapped", "*", "/"),
+        (10, "operator swapped", "+", "-"),
+        (10, "constant changed", "1", "2"),
+        (11, "condition negated", '"é" not in "x" and is_on', '(not ("é" not in "x" and is_on))'),
+        (11, "comparison flipped", "not in", "in"),
+    }
+    for one in mutants_of(CODE, "rigs/it.py"):
+        changed = one.applied(CODE)
+        assert changed != CODE and ast.parse(changed)
+    with pytest.raises(ValueError, match="another text at line 4"):
+        Mutant("rigs/it.py", 4, 0, "2.5", "5.0", "constant changed").applied(CODE)
+
+
+def test_the_same_seed_draws_the_same_of_each_package(tmp_path: Path) -> None:
+    for name in ("rigs", "daq", "analysis"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "it.py").write_text(CODE)
+    few = drawn(tmp_path, 5, 3)
+    assert few == drawn(tmp_path, 5, 3) and few != drawn(tmp_path, 5, 4)
+    every = drawn(tmp_path, 1000, 3)
+    assert every[:5] == few and {one.path for one in every} == {"rigs/it.py", "daq/it.py", "analysis/it.py"}
+
+
+def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder() -> None:
+    files = files_for(ROOT, "analysis/measures/pose.py")
+    assert files[0] == "tests/analysis/measures/test_pose.py" and len(files) == len(set(files))
+    assert files.index("tests/analysis/inference/test_rail.py") < files.index("tests/analysis/measures/test_circles.py")
+
+
+def test_the_first_files_are_taken_that_fit_the_time_and_one_always() -> None:
+    took = Durations({"a::x": 4.0, "a::y": 4.0, "b::x": 3.0, "c::x": 1.0, "d::x": 50.0}, {}, {"d::x"})
+    assert program.within(["a", "b", "c"], took, 9.0, night=False) == ["a", "c"]
+    assert program.within(["a", "b"], took, 1.0, night=False) == ["a"]
+    assert program.within(["d"], took, 1.0, night=True) == ["d"]
+
+
+def test_a_mutant_is_found_by_the_test_that_fails_and_the_file_is_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "__init__.py").touch()
+    (tmp_path / "tests" / "rigs").mkdir(parents=True)
+    module, text = tmp_path / "rigs" / "sums.py", "def added(a, b):\n    return a + b\n"
+    module.write_text(text)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = real_time\naddopts = --import-mode=importlib\n")
+    (mutant,) = (one for one in mutants_of(text, "rigs/sums.py") if one.kind == "operator swapped")
+    own = "tests/rigs/test_sums.py"
+    for number, found in ((0, {"by": "", "test": ""}), (1, {"by": "commit", "test": f"{own}::test_it"})):
+        asserted = f"from rigs.sums import added\ndef test_it():\n    assert added(1, {number}) == {1 + number}\n"
+        (tmp_path / own).write_text(asserted)
+        assert program.looked_for(mutant, tmp_path, Durations(), 60.0, night=False) == found
+        assert module.read_text() == text
+    assert "all: 1 mutants, 1 found by each commit" in program.counted([{**mutant.to_dict(), "by": "commit"}])

@@ -1,0 +1,63 @@
+"""`scripts/dev nightly`: it ends in time, and its result says what was not begun and what failed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dev import nightly as program
+from tests.support.durations import Durations
+
+ROOT = Path(__file__).parents[1]
+TESTS = """
+import pytest
+pytestmark = pytest.mark.nightly
+
+def test_good():
+    pass
+
+def test_bad():
+    assert False
+
+def test_elsewhere():
+    pytest.skip("there is no chromium here")
+"""
+
+
+@pytest.mark.parametrize(
+    ("ends_s", "ended", "failed"),
+    [
+        ("9e9", {"passed": 1, "failed": 1, "skipped": 1}, ["test_it::test_bad"]),
+        ("1", {"not begun": 3}, []),
+    ],
+    ids=["in time", "too late"],
+)
+def test_what_is_not_begun_in_time_is_counted(
+    tmp_path: Path, ends_s: str, ended: dict[str, int], failed: list[str]
+) -> None:
+    (tmp_path / "test_it.py").write_text(TESTS)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.conftest", "-p", "no:cacheprovider", "-m", "nightly"]
+    command += ["-c", ROOT / "pyproject.toml", "--rootdir", tmp_path, "--night-ends", ends_s]
+    command += [f"--junitxml={tmp_path / 'report.xml'}", tmp_path / "test_it.py"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    night = program.read(tmp_path / "report.xml", 3.0)
+    assert dict(night.ended) == ended, done.stdout + done.stderr
+    assert night.failed == failed and not night.is_whole
+    assert program.summary(night).endswith("in 3 minutes")
+
+
+def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files() -> None:
+    night = program.Night({"passed": 3}, [], 61.0)
+    assert night.is_whole
+    took = Durations({"a::x": 30.0, "a::y": 4.0, "b::x": 50.0, "c::x": 900.0}, {}, {"a::x", "a::y", "b::x"})
+    told = program.result(night, "93de2f11", [], took)
+    assert "commit 93de2f11, whole: 3 passed, 0 failed, 0 skipped, 0 not begun, in 61 minutes." in told
+    rows = [line for line in told.splitlines() if line.startswith("| `")]
+    assert rows == ["| `b` | 50 |", "| `a` | 34 |"] and "| all 2 files | 84 |" in told
+    page = program.page_with(program.PAGE.read_text(encoding="utf-8"), told)
+    assert page.startswith("# The last night") and page.count(told) == 1
+    assert program.page_with(page, "other").count(told) == 0
+    assert "3 tests of a night have run here before: 1 minutes" in program.expected(took)
