@@ -44,7 +44,6 @@ def test_a_table_is_imported_or_asked_about_or_refused(foreign: Foreign, tmp_pat
 
 @pytest.mark.cpu_limit(600)
 @pytest.mark.parametrize("seed", cases(range(12), [3]))
-@pytest.mark.cpu_limit(180)
 def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, tmp_path: Path) -> None:
     rig, found = drawn(seed)
     for foreign in in_format(found, rig):
