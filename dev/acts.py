@@ -31,9 +31,11 @@ from rigs.load import load
 from rigs.schema.effect import name_of
 from tests.support.blind.trial import Job, make_case, runs_of
 from tests.support.stranger import cases
+from tests.support.stranger.faults import Fault
 
 KINDS = ("one", "two", "three", "none", "few", "outside")
 """As in the blind trial; `few` is two faults by a lap each way."""
+_SEATS = ("axis", "field", "gauge", "from_axis", "to_axis")
 
 
 @dataclass(frozen=True)
@@ -137,8 +139,14 @@ def _entered(found: Diagnosis, act: Act) -> list[Effect]:
 
 
 def _faults(truth: Mapping[str, Any]) -> list[Any]:
-    outside = [truth["outside"]] if truth["outside"] else []
-    return [cases.fault_from(one) for one in (*truth["hidden"], *outside, *truth["background"])]
+    found = [cases.fault_from(one) for one in (*truth["hidden"], *truth["background"])]
+    if foreign := truth["outside"]:
+        keys = {key: foreign[key] for key in _SEATS if key in foreign}
+        shape = {key: value for key, value in foreign["parameters"].items() if key != "size"}
+        form = foreign["form"]
+        size = float(foreign["parameters"]["size"])
+        found.append(Fault(foreign["effect"], keys, size, shape, form["rough"], form["begin"]))
+    return found
 
 
 def _driven(truth: Mapping[str, Any], case: Path, faults: Sequence[Any]) -> list[ObservedRun]:

@@ -93,7 +93,7 @@ def _touched(arm: str, folder: Path, u_mm: float | None) -> None:
     known = f', distances: [{{between: ["0", "1"], distance_mm: {KNOWN_MM}, u_mm: {u_mm}}}]' if u_mm else ""
     tests = f'tests: {{touch: {{sockets: ["0", "1"]{known}}}}}\n'
     rig = parse(f"name: {arm.replace('_', '-')}\n{load_arm(ARMS[arm]).text}{tests}", "x")
-    runs = [run_of(rig, table, name, name) for name, table in sorted(_touches(arm, folder).items())]
+    runs = [run_of(rig, table, name, name) for name, table in sorted(touches(arm, folder).items())]
     before = [result_of(run).figures["socket_distance_mm"] for run in runs]
     print(f"{arm}: {len(runs)} placements, {sum(len(run.table.q) for run in runs)} touches")
     print(
@@ -142,7 +142,7 @@ def _tracked(path: Path) -> PoseTable:
     return PoseTable(q, np.stack([rows[f"{axis}_t"] - rows[f"{axis}_dif"] for axis in "xyz"], axis=1), None)
 
 
-def _touches(arm: str, folder: Path) -> dict[str, TouchTable]:
+def touches(arm: str, folder: Path) -> dict[str, TouchTable]:
     """Touches by placement; the files have the angles alone, in rad."""
     parts: dict[str, list[tuple[str, Array]]] = defaultdict(list)
     for path in sorted(folder.glob(f"{arm}_*_hole_?.csv")):

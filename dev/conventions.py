@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from analysis.conventions.check import findings_of
+from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
-from rigs.load import load
+from rigs.arms import load_arm
+from rigs.load import load, parse
 from rigs.rig import Rig
-from tests.support.conventions import BREAKS, is_right, run_of, sound
+from tests.support.conventions import BREAKS, driven_on_from, is_right, run_of, sound
+from tests.support.seven_axes import run_of as touched_run
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 """Where the measured data lie unless another folder is given; they are not part of the project."""
@@ -30,7 +33,20 @@ def real(folder: Path) -> dict[str, list[str]]:
     for name in ("ur5_grid", "ur5_random"):
         if (path := folder / "jacobi" / f"{name}.csv").is_file():
             found[f"UR5, {name[4:]}"] = run_of(_jacobi(path), name, _ur5())
+    found |= _touched(folder / "mukca")
     return {name: [finding.words for finding in findings_of([run])] for name, run in found.items()}
+
+
+def _touched(folder: Path) -> dict[str, Measured]:
+    """Touches of two Pandas and an iiwa 14 (Franzese and others, TU Delft), all placements of an arm as one run."""
+    from any_arm import ARMS, touches  # noqa: PLC0415
+
+    found = {}
+    for arm, model in ARMS.items():
+        rig = parse(f"name: arm\n{load_arm(model).text}", model)
+        for name, table in sorted(touches(arm, folder).items()) if folder.is_dir() else ():
+            found[f"{model}, {arm}, {name}"] = touched_run(rig, table, name, name)
+    return found
 
 
 def _ur5() -> Rig:
@@ -57,19 +73,24 @@ def _jacobi(path: Path) -> PoseTable:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/dev conventions", description=__doc__)
     parser.add_argument("--sound", type=int, default=70, help="sound cells (70: some 300 runs)")
+    parser.add_argument("--driven", type=int, default=30, help="sound cells that drive cw on from acw (30: 120 runs)")
     parser.add_argument("--each", type=int, default=20, help="cells of each kind with one convention broken (20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first cell (0)")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured data (../shared/data)")
     given = parser.parse_args()
     runs = alarms = 0
-    for number in range(given.sound):
-        cell = sound(number, given.seed)
+    cells = [(sound, number) for number in range(given.sound)]
+    cells += [(driven_on_from, number) for number in range(given.driven)]
+    for make, number in cells:
+        cell = make(number, given.seed)
         runs += len(cell)
         found = findings_of(cell)
         alarms += bool(found)
         for finding in found:
-            print(f"  false, cell {number}, {', '.join(finding.runs)}: {finding.convention}: {finding.words}")
-    print(f"sound: {runs} runs of {given.sound} cells, {alarms} cells with a false alarm")
+            print(
+                f"  false, {make.__name__} {number}, {', '.join(finding.runs)}: {finding.convention}: {finding.words}"
+            )
+    print(f"sound: {runs} runs of {len(cells)} cells, {alarms} cells with a false alarm")
     for name, said in real(given.data).items():
         print(f"real: {name}: {'; '.join(said) or 'nothing found'}")
     print(f"{'broken':36}{'cells':>6}{'right':>6}{'wrong':>6}{'not':>5}")

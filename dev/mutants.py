@@ -105,6 +105,8 @@ def tried(tree: Path, files: Sequence[str], marks: str) -> tuple[str, str]:
         )
     except subprocess.TimeoutExpired:
         return "found", "(it waits for ever)"
+    if done.returncode < 0:
+        return "found", f"(pytest ended by signal {-done.returncode})"
     if done.returncode not in ENDS:
         raise RuntimeError(f"pytest ended with {done.returncode}: {done.stdout[-2000:]}{done.stderr[-2000:]}")
     failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]

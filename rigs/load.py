@@ -72,7 +72,7 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
 
 
 def is_shipped(file: Path) -> bool:
-    """Return whether a rig file is one of the package, whose addresses are of nobody's cell."""
+    """Return whether a rig file is one of the package, whose addresses are of no real cell."""
     return file.resolve().is_relative_to(SHIPPED.resolve())
 
 

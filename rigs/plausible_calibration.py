@@ -1,6 +1,6 @@
 """Whether a calibration file can be that of a rig: its hash proves that the file was not changed, not that it is right.
 
-A file that somebody has written anew, with the hash of it in the rig file, is held against the arm: its name, its axes,
+A file that somebody has rewritten, with the new hash in the rig file, is held against the arm: its name, its axes,
 and the bounds that the same effects have in a rig file.
 """
 

@@ -48,7 +48,7 @@ def calibrate(
 ) -> None:
     """Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig file."""
     import analysis  # noqa: PLC0415
-    from analysis.cli.diagnose import by_use  # noqa: PLC0415
+    from analysis.cli.diagnose import by_use, say_correct  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import load_runs  # noqa: PLC0415
     from analysis.cli.several import end_with, worst  # noqa: PLC0415
@@ -72,3 +72,5 @@ def calibrate(
         PlainConsole().print(as_screen(found))
     for path in write_model(found, text, output) if output else ():
         say(f"wrote {path}", err=True)
+    if output:
+        say_correct(found, output)

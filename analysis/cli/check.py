@@ -96,7 +96,8 @@ def _check_rig(rig_file: str) -> None:
     tests, errors = feasible_tests(rig, rig_file)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'good'}")
-    read = f"{gauges}; robot by {rig.feedback.interface}" if gauges else "no gauges: for poses of a tracker"
+    places = "touches of sockets" if rig.tests.touch else "poses of a tracker"
+    read = f"{gauges}; robot by {rig.feedback.interface}" if gauges else f"no gauges: for {places}"
     say(f"  {rig.robot.name}; {read}")
     if rig.effects:
         say(f"  the model starts with {begins_with(rig.effects)}")

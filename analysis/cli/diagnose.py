@@ -130,7 +130,6 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
     from analysis.reporting.html_page import is_page  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
     from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
-    from rigs.calibration import verdict_of  # noqa: PLC0415
 
     if is_page(output):
         with progress_of() as progress:
@@ -145,5 +144,12 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
         model = written[-1]
         runs = " ".join(as_argument(run.run.path) for run in measured)
         say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # is nothing missing any more?", err=True)
-        if found.calibrated is None or verdict_of(found.calibrated) == "correct":
-            say(f"next: rig correct {as_argument(model)} -o corrections", err=True)
+        say_correct(found, model)
+
+
+def say_correct(found: Diagnosis, model: Path) -> None:
+    """Say how the model that was written is corrected by, unless it is to correct nothing."""
+    from rigs.calibration import verdict_of  # noqa: PLC0415
+
+    if found.calibrated is None or verdict_of(found.calibrated) == "correct":
+        say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

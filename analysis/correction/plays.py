@@ -7,7 +7,7 @@ targets its link crosses the play on the way and not at once: that part stays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -18,9 +18,10 @@ from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path, driven, model_of
 from analysis.robot_programs.compensated import reached, targets_of
 from analysis.robot_programs.plan import Plan
+from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import is_play
+from rigs.schema.effect import is_play, size_field, size_of
 
 _BETWEEN = 16
 """Places between two targets at which the turning of a joint is looked at."""
@@ -29,11 +30,23 @@ _CERTAIN_U = 2.0
 
 
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
-    """Return the plays of a rig file that are known well enough to be corrected in a program."""
+    """Return the plays of a rig file, and of the calibrated model beside it, that are known well enough to be corrected
+    in a program: a certain play is corrected whether or not it is larger than usual."""
     unsure = {id(one.effect) for one in supports(rig) if one.value < _CERTAIN_U * one.u}
-    return tuple(
+    named = tuple(
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
     )
+    return (*named, *_found_plays(rig.calibrated)) if rig.calibrated else named
+
+
+def _found_plays(calibrated: CalibratedModel) -> Iterator[Effect]:
+    """Yield the certain plays of a calibrated model that have a width of their own and that no rig file names."""
+    for row, parameter in enumerate(calibrated.parameters):
+        term = calibrated.terms[parameter.term]
+        effect, u = term.effect, float(np.linalg.norm(calibrated.root[row]))
+        is_found = not term.named and effect.STAGE == "joint" and is_play(effect)
+        if is_found and parameter.field == size_field(effect) and size_of(effect) >= _CERTAIN_U * u:
+            yield effect
 
 
 def ahead_of_plays(rig: Rig, plan: Plan) -> Array:

@@ -20,7 +20,7 @@ _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
     ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
     ".parquet": (b"PAR1", (b"started_utc", b"standing")),
 }
-"""By ending: what a file of this kind begins with, and what such files of rig hold near their begin or end."""
+"""What a file begins with, by its ending, and what such files of rig hold near their begin or end."""
 
 
 def refuse_existing(path: Path, option: str = "--output") -> None:

@@ -46,6 +46,8 @@ _FEW_POSTURES = 20
 _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
 """Below this a fit is as good as it can be: digits and noise."""
 _SHOWN, _NAMED = 6, 30
+_SMALL_MM = 100.0
+"""Places that lie no further apart (rms) show little of joints: what is meant otherwise may fit within 10 mm, too."""
 _ANGLES = ("deg", "rad")
 _LENGTHS = ("mm", "m", "in", "cm")
 
@@ -267,6 +269,8 @@ def _placed(
     rivals = [one for one in others if one[0].share < CLEARLY * least]
     _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
     named = next((one.topic for one in judge.layouts if is_of_controller(one.topic)), "")
+    if residual is None and found[0][0] is best and best.left < _SMALL_MM * best.share:
+        best = _hardly_moved(judge, found[0])
     if chosen.place.of_controller or named:
         words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
         by_robot = Reading(None, np.nan, "mm", words)
@@ -280,6 +284,26 @@ def _placed(
         )
     table_map: TableMap = best.value
     return table_map, chosen
+
+
+def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
+    """Return the likeliest reading. Poses that hardly move may fit clearly better with a column meant otherwise, which
+    is asked; where they fit as well, names are taken for true, and it is said."""
+    best, seen = taken
+    ways = meant(judge.raw, judge.bare, best.value)
+    if not ways:
+        return best
+    first = ways[0]
+    if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
+        other = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
+        _ask(judge, [(other, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
+        return other
+    if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
+        judge.assumed.append(
+            f"the joints move too little to show order and signs of the columns ({first.words} fits to "
+            f"{first.left_mm:.2g} mm, as named to {best.left:.2g} mm): they are taken as they are named"
+        )
+    return best
 
 
 def _postures(judge: _Judge, table_map: TableMap) -> int:

@@ -23,7 +23,7 @@ import numpy as np
 from analysis.files.bags import bag_of, messages_of
 from analysis.files.mcap_messages import Found
 from analysis.files.ros_bag import newest
-from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, PLACED, TF, joint_state
+from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, joint_state
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.stands import Stand, stands_of
 from rigs.errors import FileError
@@ -130,6 +130,10 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
         (wanted,) = there
     if wanted not in there:
         has = ", ".join(sorted({f"{one.topic} ({one.kind})" for one in messages}))[:300] or "no messages"
+        if len(there) > 1 and not ros:
+            what = f"holds the joints of {len(there)} arms, on {', '.join(sorted(there))[:300]}"
+            remedy = "name the topic of the one that was measured in the rig file: feedback: {interface: "
+            raise FileError(where, what, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
         raise FileError(where, f"has no {JOINT_STATE} on {wanted}; it has {has}", "name the topic in the rig file")
     own = [one for one in messages if one.topic == wanted and one.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(own, len(rig.robot.axes), where)
@@ -158,12 +162,30 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
         return NO_STAMP, {}
 
 
+def _is_nameless(data: bytes) -> bool:
+    """Whether a JointState has positions and no names."""
+    try:
+        message = Cdr(data)
+        message.header()
+        return message.count() == 0 and message.count() > 0
+    except (struct.error, IndexError):
+        return False
+
+
 def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
-    """The joints of the first message that has as many as the arm or more."""
-    for one in messages:
-        names = list(_joints(one.data)[1])
-        if axes <= len(names) <= _MOST_JOINTS:
-            return names
+    """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
+    messages name no joints, and where they are of several arms."""
+    found = [names for one in messages if axes <= len(names := list(_joints(one.data)[1])) <= _MOST_JOINTS]
+    if found:
+        others = next((names for names in found if not set(names) & set(found[0])), None)
+        if others:
+            arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (found[0], others))
+            what = f"holds the joints of two arms on one topic ({arms[:300]})"
+            raise FileError(where, what, "name those of the arm that was measured in the rig file: feedback.joints")
+        return found[0]
+    if any(_is_nameless(one.data) for one in messages):
+        what = "holds messages of joints that name none of them: nothing says which angle is whose"
+        raise FileError(where, what, "publish JointState with names, or give joints and places as a table")
     raise FileError(
         where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
     )

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
-from analysis.inference.budget import LARGE_SHARE
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import ODDS, BudgetPart, Diagnosis, Gap, Named, is_sure
+from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
@@ -65,13 +64,26 @@ class JudgedPlace:
         return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
 
 
+EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
+EARLY = Act("wait", "early")
+"""What comes before all else where joints were read before they came to rest: they are read out of the same file where
+it has the commanded ones beside them, or measured again."""
+
+
 def acts_of(
-    found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]] = ()
+    found: Diagnosis,
+    judged: JudgedPlace,
+    tests: Sequence[tuple[int, NamingTest, Cost]] = (),
+    before: Sequence[Act] = (),
 ) -> tuple[Act, ...]:
     """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
-    tests that would name a part of the budget, by its index."""
+    tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
     if found.given:
         return ()
+    return (*before, *_acts_of(found, judged, tests))
+
+
+def _acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> tuple[Act, ...]:
     if found.condition == "not_testable_here":
         return (Act("measure", "not_visible", command=("plan", _model(found))),)
     acts = [*_repairs(found, judged), *_corrections(found, judged)]
@@ -191,7 +203,7 @@ def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[i
             against = () if planned else (Against("no_place"),)
             acts.append(Act("measure", "rivals", parts=(k,), test=test, cost=cost, against=against))
     for k, part in enumerate(found.budget):
-        if part.members:
+        if part.members or (part.index is not None and is_open(part, found.effects[part.index])):
             planned = next(((test, cost) for place, test, cost in tests if place == k), None)
             test, cost = planned or (None, Cost())
             against = () if planned else (Against("no_place"),)

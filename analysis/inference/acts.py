@@ -29,12 +29,13 @@ Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unex
 known cause explains; or the rig file declares no further test."""
 Reason = Literal[
     "fault", "sure_and_large", "correction", "rivals", "group", "few_runs", "unexplained", "not_visible", "elsewhere",
-    "scatter", "too_small", "history", "gauges", "sound",
+    "scatter", "too_small", "history", "gauges", "sound", "early",
 ]  # fmt: skip
 """Why an act stands in the list: a fault; a usual error that makes much of the whole; a correction for today; rivals
 are to be told apart; a group is to be named; the runs are too few; an unknown cause; the tests do not show it; how
-accurate the arm is elsewhere is not known. And why there is none: it differs from run to run; what a correction gains
-is too small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
+accurate the arm is elsewhere is not known; joints were read too early. And why there is none: it differs from run to
+run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to the
+gauges; nothing is wrong."""
 
 
 @dataclass(frozen=True)
@@ -104,3 +105,9 @@ class Act:
         """In plain types; the effect by its label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
+
+
+def is_done(kind: str, why: str) -> bool:
+    """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
+    another place as well."""
+    return kind in ("load", "enter") or (kind, why) == ("measure", "elsewhere")

@@ -12,7 +12,7 @@ from analysis.inference.background import Posterior
 from analysis.inference.candidates import Form
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
-from analysis.inference.result import BudgetPart, Gap, Member, Named, Rank, Share
+from analysis.inference.result import LARGE_SHARE, BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
@@ -28,9 +28,6 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 # absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
 # goes to each. Every test counts by its readings, as in the gap.
 
-LARGE_SHARE = 1 / 3
-"""Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
-be."""
 _CANCELS = 0.005
 """Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
 _MOST_MEMBERS = 3

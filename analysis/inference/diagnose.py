@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.inference.act_list import JudgedPlace, acts_of
+from analysis.inference.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
+from analysis.inference.acts import Act
 from analysis.inference.blocks import Block
 from analysis.inference.budget import EffectChange, Measure, budget_of, effect_changes
 from analysis.inference.expected import is_separable
@@ -44,7 +45,8 @@ from analysis.kinematics.arm import rail_mm
 from analysis.measures.touch import evaluate as touched_by
 from analysis.measures.touch import known_otherwise
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, TouchTable
+from analysis.traces.table_layout import COMMANDED
+from analysis.traces.tables import CircleTable, PoseTable, TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -97,7 +99,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
         sides = any(isinstance(one := block.one.table, TouchTable) and one.came_from is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
-    return tuple(doubts)
+    return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
@@ -205,8 +207,14 @@ def diagnose(
         tests = naming_tests(rig, kinds, result, found.budget, named, (sound, elsewhere))
     else:
         tests = []
-    found = replace(found, acts=acts_of(found, place, tests))
+    found = replace(found, acts=acts_of(found, place, tests, _before(used) if early else ()))
     return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+
+
+def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
+    """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
+    tables = [run.run.table for run in used if isinstance(run.table, PoseTable)]
+    return (EARLY_COMMANDED if any(one is not None and COMMANDED[0] in one.column_names for one in tables) else EARLY,)
 
 
 def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:

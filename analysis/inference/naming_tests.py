@@ -18,7 +18,7 @@ from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_ba
 from analysis.inference.observation import ObservedRun
 from analysis.inference.plan import PossibleTest, possible_tests
 from analysis.inference.responses import linearise
-from analysis.inference.result import ODDS, BudgetPart, Named
+from analysis.inference.result import ODDS, BudgetPart, Named, is_open
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
@@ -96,8 +96,9 @@ def naming_tests(
         part = budget[k]
         if part.members:
             planned = known.for_member(part.members[0].effect, len(result.selection.columns.forms))
+        elif is_open(part, one := named[part.index or 0]):
+            planned = known.for_member(one.effect, len(result.selection.columns.forms))
         else:
-            one = named[part.index or 0]
             planned = known.for_rivals(one.effect, one.rivals[0].effect)
         found += [(k, *planned)] if planned else []
     return found
@@ -107,6 +108,8 @@ def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
     if part.index is None:
         return bool(part.members) and not is_play(part.members[0].effect)
     one = named[part.index]
+    if is_open(part, one):
+        return not is_play(one.effect)
     return one.stands and part.share > _MUCH and any(rival.posterior * ODDS >= one.posterior for rival in one.rivals)
 
 

@@ -136,6 +136,9 @@ SURE_SIGMA = 3.0
 """Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
 CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a name has no rival."""
+LARGE_SHARE = 1 / 3
+"""Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
+be."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
 """
@@ -504,6 +507,11 @@ class Diagnosis(Tabular):
             }
         )
         return plain
+
+
+def is_open(part: BudgetPart, one: Named) -> bool:
+    """Return whether an effect of usual size makes much of the error, and its odds are below those of a sure name."""
+    return part.share > LARGE_SHARE and one.doubt == "usual" and one.posterior < CERTAIN_ODDS
 
 
 def is_there(found: Diagnosis, part: BudgetPart) -> bool:

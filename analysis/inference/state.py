@@ -25,8 +25,8 @@ from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_
 # The state of a selection: the fitted effects, and the noise and healthy level of everything else.
 
 FAULT = 5.0
-"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
-lower in an arm with a level below 1."""
+"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. A search
+asks for rivals of fewer in an arm with a level below 1."""
 DRIVEN_WAVES = 2.0
 """Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
@@ -67,8 +67,9 @@ class SelectionState:
         return bool(self.faults_among([self.refined.effects[place]]))
 
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than healthy arms show, whatever this arm shows elsewhere."""
-        return tuple(one for one in effects if abs(size_of(one)) > FAULT)
+        """Return the effects that are larger than healthy arms, or arms of this level, show: beside them a search
+        computes everything else anew, and it asks for their rivals. Whether one is a fault is not asked here."""
+        return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:

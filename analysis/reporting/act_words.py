@@ -45,12 +45,13 @@ class ActWords:
         if act.kind == "measure":
             return self._measure(act)
         if act.effect is None:
-            return texts("act_mount_unexplained" if act.kind == "mount" else f"act_{act.kind}", command=command(act))
+            own = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
+            return texts(own.get(act.kind, f"act_{act.kind}"), command=command(act))
         return texts(f"act_{act.kind}", cause=self.noun(act.effect), size=self._size(act), axis=_axis(act.effect))
 
     def removes(self, act: Act) -> str:
         """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
-        if act.kind in ("none", "measure") or (act.kind == "mount" and act.effect is None):
+        if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
             return ""
         before = act.removes_um + act.remains_um
         key = "act_changes" if act.removes else "act_hardly"
@@ -81,11 +82,12 @@ class ActWords:
         if act.why == "few_runs":
             return texts("next_repeat", count=act.runs)
         if act.why == "not_visible":
-            return texts("next_plan")
+            return texts(self._of_places("next_plan"))
         if act.why == "elsewhere":
             return texts("act_elsewhere")
         if test is None:
-            return texts("next_elsewhere" if act.why == "rivals" else "act_group_no_test", parts=self.parts(act))
+            key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
+            return texts(key, parts=self.parts(act))
         share = percent(sum(self.found.budget[k].share for k in act.parts))
         if test.test == JOINED:
             return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
@@ -95,6 +97,11 @@ class ActWords:
             which, test=test.test, minutes=minutes, parts=self.parts(act),
             odds=sure(test.odds_then), share=share,
         )  # fmt: skip
+
+    def _of_places(self, key: str) -> str:
+        """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
+        tests = {name.split()[0].strip(",;") for name in self.found.setups}
+        return f"{key}_places" if tests and tests <= {"pose", "touch"} else key
 
     def _size(self, act: Act) -> str:
         assert act.effect is not None  # noqa: S101 - asked of acts that have one

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.acts import Doubt
-from analysis.inference.budget import LARGE_SHARE
-from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, is_sure, is_there
+from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
@@ -198,7 +197,11 @@ class AnswerWords:
         return self.texts("large_group", share=share, part=self.part_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
-        beside = ", ".join(filter(None, [self.size_of(part), self.times_usual(part)])) if part.index is not None else ""
+        said = []
+        if part.index is not None:
+            odds = self.found.effects[part.index].posterior
+            said = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
+        beside = ", ".join(filter(None, said))
         return f"{self.part_name(part)} ({beside})" if beside else self.part_name(part)
 
     def _listed(self, said: Sequence[str]) -> str:

@@ -90,7 +90,7 @@ def _first(found: Corrections) -> str:
         f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
         f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
         f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
-        "tell more."
+        "make it surer."
     )
 
 

@@ -16,7 +16,7 @@ from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.kinematics.arm import Array
 from analysis.session.processes import Child
-from analysis.session.state import Answer, PartOfError, PathError
+from analysis.session.state import Answer, Deed, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.calibration import ground_of
@@ -69,6 +69,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
+        acts=tuple(Deed(kind=one.kind, why=one.why, words=acts.sentence(one)) for one in found.acts),
         next_test=_next_test(found),
         ground=ground_of(found.calibrated) if found.calibrated else "",
         runs_to_decide=found.runs_to_decide,

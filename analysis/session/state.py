@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
@@ -110,6 +111,14 @@ class PartOfError(Part):
     fault: bool = False
 
 
+class Deed(Part):
+    """An act that follows from an answer (`analysis.inference.acts`): its kind and reason, and what it says to do."""
+
+    kind: str
+    why: str
+    words: str
+
+
 class PathError(Part):
     """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
     square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
@@ -137,7 +146,9 @@ class Answer(Part):
     next_step: str
     parts: tuple[PartOfError, ...]
     remedies: tuple[str, ...] = ()
-    """What a person does about each fault."""
+    """What a person does next to that."""
+    acts: tuple[Deed, ...] = ()
+    """Both, with what kind of act each is; empty in sessions of earlier versions."""
     next_test: str = ""
     ground: str = ""
     """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
@@ -261,6 +272,21 @@ class Session(Part):
             return False
         judges = len(self.runs_for("judge"))
         return (answer.runs, answer.joined) == (len(self.runs_for("find")) + judges, judges)
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the robot was driven with a correction."""
+        return bool(self.verified and self.verified.same_after)
+
+    @property
+    def to_do(self) -> tuple[str, ...]:
+        """What is to be done, the first act first; of a robot that was corrected without the correction, which is
+        done."""
+        answer = self.answer
+        if answer is None:
+            return ()
+        said = tuple(one.words for one in answer.acts if not (self.is_corrected and is_done(one.kind, one.why)))
+        return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""

@@ -87,7 +87,8 @@ class Words:
 
     def more(self, answer: Answer, stage: Stage) -> None:
         """What is driven in addition, and why."""
-        self._say(f"  {answer.condition}: {answer.next_step}")
+        measure = next((one.words for one in answer.acts if one.kind == "measure"), answer.next_step)
+        self._say(f"  {answer.condition}: {measure}")
         self._say(f"  so the stage {stage.name} comes next")
 
     def correction(self, correction: Correction) -> None:
@@ -134,32 +135,29 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     answer, correction = session.answer, session.correction
     if answer:
         yield f"found: {answer.headline}"
-        yield f"accuracy before: {(session.judged or answer).accuracy}"
-        if session.judged and answer.joined:
-            yield (
-                f"the other place judged first; then its {answer.joined} runs joined the last diagnosis, of"
-                f" {answer.runs} runs"
-            )
+        judged = session.judged
+        if not session.is_corrected or judged is None:
+            yield f"accuracy: {(judged or answer).accuracy}"
+        elif judged.before_there_um:
+            there = f"{judged.before_there_um:.0f} µm rms without the model, {judged.calibrated_um:.1f} with it"
+            yield f"the other place judged, where the model had no part: {there}"
+        if answer.joined:
+            yield f"then its {answer.joined} runs joined the last diagnosis, of {answer.runs} runs"
     if correction:
         first, *rest = correction_lines(correction, session.verified)
         yield f"corrected: {first}"
         yield from rest
-    if answer and answer.next_step:
-        yield f"{'for the cause' if is_corrected(session) else 'next'}: {answer.next_step}"
-        yield from (f"  then: {remedy}" for remedy in answer.remedies)
+    for number, act in enumerate(session.to_do):
+        first = "for the cause" if session.is_corrected else "next"
+        yield f"  then: {act}" if number else f"{first}: {act}"
     programs = sum(len(step.tries) for step in session.steps)
     yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
     yield f"report: {directory / session.report}"
-    if answer:
+    if answer and answer.level != 1:
         rig_file = as_argument(Path(session.rig_file))
         yield f"what further tests would show in this arm: rig plan {rig_file} --level {max(answer.level, 0.01):.2g}"
     if command := own_programs(session, directory):
         yield f"the arm itself is unchanged; your own programs: {command}"
-
-
-def is_corrected(session: Session) -> bool:
-    """Whether the robot was driven with a correction."""
-    return bool(session.verified and session.verified.same_after)
 
 
 def correction_lines(correction: Correction, verified: Verified | None) -> Iterator[str]:

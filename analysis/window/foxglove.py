@@ -64,7 +64,7 @@ class Foxglove:
         except RuntimeError as error:
             raise CellError(f"{inner}:0", f"cannot be listened on: {error}", "leave --foxglove out") from None
         try:
-            self._door = Door(port, (inner, int(self._server.port)), gate)
+            self._door = Door.opened(port, (inner, int(self._server.port)), gate)
         except OSError as error:
             self._server.stop()
             what = f"cannot be listened on: {error.strerror or error}"

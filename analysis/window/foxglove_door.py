@@ -1,8 +1,8 @@
-"""The door before Foxglove's server, which lets in whoever asks: the window's gate looks at each connection first.
+"""The door before Foxglove's server, which itself lets in every program: the window's gate looks at each request first.
 
 A browser sends the origin of the page that opens a WebSocket, and no page may read the cell but Foxglove's own and
 those of the names of the window. Where the window needs a token, it stands in the address: `ws://127.0.0.1:8765/?token=…`,
-since Foxglove sends no header. The server itself listens at an address of this computer that nobody can guess.
+since Foxglove sends no header. The server itself listens at an address of this computer that cannot be guessed.
 """
 
 from __future__ import annotations
@@ -32,18 +32,29 @@ class Door:
     """Listens in a thread of its own until it is closed, and lets through what a gate allows."""
 
     def __init__(self, port: int, inner: tuple[str, int], gate: Gate) -> None:
-        """inner: address and port of the server behind it. Raises OSError where the port is taken."""
+        """inner: address and port of the server behind it."""
+        self.port = port
         self._inner, self._gate, self._open = inner, gate, 0
         self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="foxglove door", daemon=True)
+        self._server: asyncio.Server
+
+    @classmethod
+    def opened(cls, port: int, inner: tuple[str, int], gate: Gate) -> Door:
+        """Return a door that listens already. Raises OSError where the port is taken."""
+        door = cls(port, inner, gate)
+        door.start()
+        return door
+
+    def start(self) -> None:
+        """Listen; of port 0, `port` is then the one that was free. Raises OSError where the port is taken."""
+        listening = asyncio.start_server(self._come, "127.0.0.1", self.port, limit=_MOST_HEAD)
         try:
-            self._server = self._loop.run_until_complete(
-                asyncio.start_server(self._come, "127.0.0.1", port, limit=_MOST_HEAD)
-            )
+            self._server = self._loop.run_until_complete(listening)
         except BaseException:
             self._loop.close()
             raise
         self.port = int(self._server.sockets[0].getsockname()[1])
-        self._thread = threading.Thread(target=self._loop.run_forever, name="foxglove door", daemon=True)
         self._thread.start()
 
     def close(self) -> None:

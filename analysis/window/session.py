@@ -35,7 +35,7 @@ def summary(session: Session) -> dict[str, Any]:
             {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}
             for one in (answer.parts if answer else ())
         ],
-        "remedies": [answer.next_step, *answer.remedies] if answer and answer.next_step else [],
+        "remedies": list(session.to_do),
         "correction": next(correction_lines(correction, verified)) if correction else "",
         "before_after": [*_before_after(verified, correction)] if verified else [],
         "work": correction.work.model_dump() if correction and correction.work else None,

@@ -2,8 +2,8 @@
 
 A command that was interrupted while it wrote left half a run, which was neither a run nor free for the next try. What
 is hidden is no run to any command. It is removed where the command fails or is interrupted, and also where a signal
-ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: whoever fills
-such a directory holds a lock on it, which the system gives up with the process.
+ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: a command that
+fills such a directory holds a lock on it, which the system gives up with the process.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
 
 
 def _locked_directory(parent: Path) -> tuple[Path, int | None]:
-    """Make a hidden directory that nobody else removes; the lock is None where the disk has none."""
+    """Make a hidden directory that no other command removes; the lock is None where the disk has none."""
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
         durable.make_directory(made)

@@ -86,10 +86,14 @@ def drive(
 
 def drive_points(
     path: Path, rng: np.random.Generator, names: list[str], q: Array, place_mm: Array, topic: str = "/seen",
+    beside: tuple[str, list[str]] | None = None,
 ) -> Driven:  # fmt: skip
-    """Write a bag of an arm with these joints that stops at angles q (n, axes) rad with a ball at place_mm (n, 3)."""
+    """Write a bag of an arm with these joints that stops at angles q (n, axes) rad with a ball at place_mm (n, 3);
+    beside: the topic and the joints of another arm, which stands."""
     t_s, leg, share = _ways(len(q))
-    sight = Sight(POINT, _between(place_mm / 1e3, leg, share), Rotation.identity(len(t_s)), 0.0, frozenset(), topic)
+    sight = Sight(
+        POINT, _between(place_mm / 1e3, leg, share), Rotation.identity(len(t_s)), 0.0, frozenset(), topic, beside
+    )
     _write(path, rng, StoragePlugin.MCAP, (t_s, leg), names, _between(q, leg, share), sight, stamped=True)
     return Driven(q, place_mm / 1e3)
 
@@ -105,6 +109,7 @@ class Sight:
     clock_off_s: float
     blind: frozenset[int]
     topic: str = "/seen"
+    beside: tuple[str, list[str]] | None = None
 
 
 def _ways(stops: int) -> tuple[Array, Array, Array]:
@@ -132,13 +137,19 @@ def _write(
             name: bag.add_connection(name, of, typestore=STORE)
             for name, of in (("/joint_states", "sensor_msgs/msg/JointState"), (sight.topic, sight.kind))
         }
-        named, empty = ["finger", *reversed(names)], np.array([])
+        named, empty = ["finger", *reversed(names)] if names else [], np.array([])
+        other, others = sight.beside or ("", [])
+        if other and other not in to:
+            to[other] = bag.add_connection(other, "sensor_msgs/msg/JointState", typestore=STORE)
         for k, (at, leg) in enumerate(zip(*times, strict=True)):
             log = int((BEGIN_S + at) * 1e9) + int(rng.uniform(2e5, 4e6))
-            angles = np.array([0.01, *(joints[k, ::-1] + rng.normal(0, 2e-6, len(names)))])
+            angles = np.array([0.01, *(joints[k, ::-1] + rng.normal(0, 2e-6, joints.shape[1]))])
             stamp = header(BEGIN_S + at if stamped else 0.0, "base")
             state = STORE.types["sensor_msgs/msg/JointState"](stamp, named, angles, empty, empty)
             bag.write(to["/joint_states"], log, STORE.serialize_cdr(state, state.__msgtype__))
+            if other:
+                still = STORE.types["sensor_msgs/msg/JointState"](stamp, others, np.ones(len(others)), empty, empty)
+                bag.write(to[other], log + 500, STORE.serialize_cdr(still, still.__msgtype__))
             if k % 3 == 0 and leg not in sight.blind:
                 place = sight.place_m[k] + rng.normal(0, NOISE_M, 3)
                 seen = message(sight.kind, BEGIN_S + at + sight.clock_off_s, place, sight.turn[k])

@@ -106,7 +106,9 @@ def tried(foreign: Foreign, folder: Path) -> Tried:
             line.split(":")[0] for one in maps for line in one.read_text().splitlines() if line.endswith('"?"')
         )
         return Tried("one question" if len(asked) == 1 else "not", done.stderr, asked)
-    return Tried("without a word", done.stderr, wrong=_wrong(foreign.truth, load_run(folder / "run").table))
+    told = "move too little to show order and signs" in done.stderr
+    wrong = "" if told else _wrong(foreign.truth, load_run(folder / "run").table)
+    return Tried("without a word", done.stderr, wrong=wrong)
 
 
 def _wrong(truth: Poses | None, table: Table) -> str:

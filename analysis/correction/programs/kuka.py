@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 
-from analysis.correction.programs.kuka_statements import LITERAL_TYPE, Reader, lines_in, read_statement
+from analysis.correction.programs.kuka_statements import LINES, LITERAL_TYPE, Reader, lines_in, read_statement
 from analysis.correction.programs.machine import OFF, Program, Unknown, Value
 from analysis.correction.programs.numbers import Decimals
 from analysis.correction.programs.points import Points, as_value
@@ -76,7 +76,7 @@ def parse(texts: Texts) -> Parsed:
             return number.rstrip("]")
         if part in ("tool", "base", "fdat tool", "fdat base"):
             return Unknown(0, 0, "nothing in these files sets it before")
-        return OFF
+        return "checked" if part == LINES else OFF
 
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
 

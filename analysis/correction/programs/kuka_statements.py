@@ -49,12 +49,14 @@ from analysis.correction.programs.target import (
 )
 from analysis.kinematics.arm import Array
 
+LINES = "flags of lines"
+"""The part that says whether the flags of posture count where a line ends."""
 LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
 """The type before the numbers of an aggregate, {E6POS: X …}."""
 _AXES = tuple(f"A{axis}" for axis in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 _EXTERNAL = tuple(f"E{axis}" for axis in range(1, 7))
-_COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER})\s*", re.IGNORECASE)
+_COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'B[01]{{1,16}}'|'H[0-9A-F]{{1,8}}')\s*", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s+(?!=)(?P<rest>.+)", re.IGNORECASE)
@@ -175,12 +177,14 @@ class Reader:
             found = _COMPONENT.fullmatch(part)
             if not found:
                 return None, None
-            parts[found[1].upper()] = Number(at + found.start(2), at + found.end(2), float(found[2]))
+            parts[found[1].upper()] = Number(at + found.start(2), at + found.end(2), _value(found[2]))
             at += len(part) + 1
         joints = any(axis in parts for axis in _AXES)
         if not joints and not any(axis in parts for axis in _POSE):
             return None, None
         names = _AXES if joints else _POSE
+        if any(text[parts[one].begin - begin] == "'" for one in names if one in parts):
+            return None, None  # bits are no coordinate that could be written back
         numbers = tuple(parts[axis] for axis in names if axis in parts)
         form: Form = "joints_deg" if joints else "yaw_pitch_roll"
         flags = None
@@ -201,7 +205,7 @@ class Reader:
             found = _COMPONENT.fullmatch(part)
             if not found:
                 return None
-            parts[found[1].upper()] = float(found[2])
+            parts[found[1].upper()] = _value(found[2])
         values = [parts.get(axis, np.nan) for axis in _POSE]
         return frame_of("yaw_pitch_roll", values) if is_frame("yaw_pitch_roll", values) else None
 
@@ -218,6 +222,11 @@ class Reader:
         if frame is not None:
             return as_value(frame)
         return self.why(file, begin, f"{right} is computed" if right else "nothing is assigned")
+
+
+def _value(text: str) -> float:
+    """Return a number, or bits as 'B010' or 'H1A'."""
+    return float(int(text[2:-1], 2 if text[1] in "Bb" else 16)) if text[0] == "'" else float(text)
 
 
 def lines_in(text: str) -> Iterator[tuple[int, str]]:
@@ -437,8 +446,8 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
     count = 2 if kind == "CIRC" else 1
     for start, stop in places[:count]:
         text = line[start:stop]
-        if len(places) > count:  # an arc of CA degrees does not end at its target
-            _leave(reader, file, begin, "computed", text)
+        if len(places) > count:  # an arc of CA degrees does not end at its target, and keeps the posture of its start
+            _list(reader, file, begin, "computed", text)
             continue
         key = _point(reader, file, begin, start, text, kind)
         if key is None:
@@ -448,15 +457,21 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         way = "joint" if kind == "PTP" else "line"
         at = reader.lines[file].at(begin)
         reader.blocks.add(Set("external_tcp here", state["ipo_mode"]))
-        # A line or an arc keeps the posture at its start; the flags of a taught point are those that it had there.
-        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs))
+        # A line or an arc keeps the posture at its start, whatever the flags say: it has to lead to them.
+        trusts = None if way == "joint" else LINES
+        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
 
 
 def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+    """List a move that cannot be corrected, after which the arm stands anywhere."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
+    _list(reader, file, begin, reason, name)
+    reader.blocks.add(Elsewhere())
+
+
+def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
     if file < reader.points.files:
         reader.points.leave(Left(file, reader.lines[file].at(begin), name.strip()[:60], reason))
-    reader.blocks.add(Elsewhere())
 
 
 def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:

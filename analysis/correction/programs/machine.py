@@ -115,7 +115,8 @@ class End:
 @dataclass(frozen=True)
 class Move:
     """A move to a point. `needs` are the parts that must be off, `trusts` the part that is "on" where the flags of
-    posture count, if there is one, and `near` (6,) rad angles beside which the controller looks for a solution.
+    posture count, or "checked" where the way has to lead to them, if there is one, and `near` (6,) rad angles beside
+    which the controller looks for a solution.
     `offset` is added to the point: a kind, "frame" or "tool", with the 16 numbers of a frame in mm, or unknown."""
 
     key: str

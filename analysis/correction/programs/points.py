@@ -200,7 +200,7 @@ def _with_state(target: Target, usages: Sequence[Usage], left: _Leave) -> Target
         tool=_tool(first.tool, target.tool),
         frame=_tool(first.frame, target.frame),
         near=first.move.near,
-        flags=target.flags if any(one.trusts == "on" for one in usages) else None,
+        flags=target.flags if any(one.trusts in ("on", "checked") for one in usages) else None,
     )
 
 

@@ -168,9 +168,8 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
             continue
         there = ways.reached(source, k, step.way)
         if isinstance(there, str):
-            if by_way:
-                return there
-        elif np.abs(np.sin((there - ways.q[k]) / 2) if not by_way else there - ways.q[k]).max() > _SAME_RAD:
+            return there
+        if np.abs(np.sin((there - ways.q[k]) / 2) if not by_way else there - ways.q[k]).max() > _SAME_RAD:
             return "two_postures"
     return None
 

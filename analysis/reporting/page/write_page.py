@@ -19,6 +19,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from analysis.inference.acts import is_done
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
@@ -95,9 +96,9 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
     if report.found is None:
         return []
-    done = ("load", "enter") if report.after and report.after.driven else ()
+    is_corrected = bool(report.after and report.after.driven)
     words = ActWords(report.found, texts)
-    return [words.sentence(act) for act in report.found.acts if act.kind not in done]
+    return [words.sentence(act) for act in report.found.acts if not (is_corrected and is_done(act.kind, act.why))]
 
 
 def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:

@@ -132,7 +132,8 @@ class Writer:
         q = pen.near() if q is None else q
         X = np.linalg.inv(scope.base) @ pen.flange(q) @ scope.tool
         s, t = status_turn(q)
-        flags = f",S {s},T {t}" if pen.maybe(0.8) else f",S 'B{s:03b}',T 'B{t:06b}'"
+        # The pendant writes decimals; a person writes the bits.
+        flags = f",S {s},T {t}" if pen.plain or pen.maybe(0.8) else f",S 'B{s:03b}',T 'B{t:06b}'"
         extra = self.extra
         if not pen.plain and pen.maybe(0.06):
             extra = ",E1 150.0,E2 0.0"

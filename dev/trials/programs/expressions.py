@@ -62,16 +62,17 @@ class Syntax:
     def tree(self, tokens: Tokens, level: int = 0) -> Tree:
         """Return the tree of an expression."""
         if level == len(self.operators):
-            return self._unary(tokens)
+            return self.term(tokens)
         left = self.tree(tokens, level + 1)
         while tokens.peek() in self.operators[level]:
             operator = tokens.take()
             left = ("binary", operator, left, self.tree(tokens, level + 1))
         return left
 
-    def _unary(self, tokens: Tokens) -> Tree:
+    def term(self, tokens: Tokens) -> Tree:
+        """Return the tree of one operand with its signs, components and indices."""
         if tokens.peek() in self.unary:
-            return ("unary", tokens.take(), self._unary(tokens))
+            return ("unary", tokens.take(), self.term(tokens))
         tree = self._atom(tokens)
         while True:
             nxt = tokens.peek()
@@ -80,7 +81,7 @@ class Syntax:
                 tree = ("field", tree, tokens.take())
             elif nxt == ("{" if self.brackets == "rapid" else "["):
                 tokens.take()
-                indices = self._list(tokens, "}" if self.brackets == "rapid" else "]")
+                indices = self.items(tokens, "}" if self.brackets == "rapid" else "]")
                 tree = ("index", tree, indices[0][1] if indices else ("number", 0.0))
             else:
                 return tree
@@ -98,17 +99,17 @@ class Syntax:
             return tree
         if kind == "pose":
             tokens.take()
-            return ("pose", [one for _, one in self._list(tokens, "]")])
+            return ("pose", [one for _, one in self.items(tokens, "]")])
         if text == "[" and self.brackets != "krl":
             tokens.take()
-            return ("list", [one for _, one in self._list(tokens, "]")])
+            return ("list", [one for _, one in self.items(tokens, "]")])
         if text == "{" and self.brackets == "krl":
             return self._aggregate(tokens)
         if kind == "name":
             name = tokens.take()
             if tokens.peek() == "(":
                 tokens.take()
-                return ("call", name, self._list(tokens, ")"))
+                return ("call", name, self.items(tokens, ")"))
             return ("name", name)
         raise NotUnderstood(text)
 
@@ -130,7 +131,8 @@ class Syntax:
         tokens.take("}")
         return ("aggregate", kind, pairs)
 
-    def _list(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
+    def items(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
+        """Return the arguments or elements up to an end, each with its keyword or nothing."""
         items: list[tuple[str, Tree]] = []
         while tokens.peek() != end:
             if tokens.peek() == ",":

@@ -296,7 +296,7 @@ class Machine:
     def _assigned(self, text: str, line: _Line) -> bool:
         try:
             tokens = KRL.tokens(text)
-            target = KRL._unary(tokens)
+            target = KRL.term(tokens)
         except NotUnderstood:
             return False
         if tokens.peek() != "=" or target[0] not in ("name", "field", "index"):

@@ -235,6 +235,6 @@ class Program:
         if t.peek() == "(":
             t.take()
             t.take(")")
-        arguments = RAPID._list(t, ";")
+        arguments = RAPID.items(t, ";")
         where = t.span(begin)
         return Do(place, lambda m: m.instruction(name, arguments, place, where))

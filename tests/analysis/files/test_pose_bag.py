@@ -239,3 +239,22 @@ def test_a_topic_of_the_controller_is_asked_about(
     drive_points(tmp_path / "bag", rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
     done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
     assert done.returncode == 3 and f"{topic} sounds like what the robot says of itself" in done.stderr
+
+
+LEFT = [f"left_{name}" for name in JOINTS]
+
+
+@pytest.mark.parametrize(
+    ("names", "beside", "told"),
+    [
+        (JOINTS, ("/joint_states", LEFT), "holds the joints of two arms on one topic .*left_"),
+        ([], None, "name none of them"),
+    ],
+)
+def test_whose_joints_they_are_has_to_be_told(
+    tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, told: str
+) -> None:
+    q = np.radians(rng.uniform(-60, 60, (3, 6)))
+    drive_points(tmp_path / "bag", rng, names, q, q[:, :3] * 1000, beside=beside)
+    with pytest.raises(FileError, match=told):
+        stands(tmp_path / "bag")

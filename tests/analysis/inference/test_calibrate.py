@@ -59,7 +59,7 @@ def _fitted(runs: list[Measured], words: str) -> Named:
             (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", ("radial",)),
             (ReversalSpike(axis=1, amplitude_deg=-0.03), "reversal_spike:1", ("yaw",)),
         ],
-        lambda case: not isinstance(case[0], ReversalSpike),
+        lambda case: case[2] != ("yaw",),  # a play and a wave are fitted on yaw circles by the contract of every effect
     ),
     ids=lambda value: getattr(value, "effect", value),
 )
@@ -70,7 +70,7 @@ def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str,
     assert off < 4 * found.sd[field] and off < 0.1 * abs(getattr(truth, field))
 
 
-@pytest.mark.parametrize("phase", cases((20.0, 110.0, 200.0, 290.0), (20.0,)))
+@pytest.mark.parametrize("phase", cases((20.0, 110.0, 200.0, 290.0), ()))
 def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
     truth = TransmissionError(axis=2, order=2, amplitude_deg=0.05, phase_deg=phase)
     found = _fitted(_runs((truth,), 2, ("yaw", "roll")), "transmission_error:2:2")

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import arm_of, forward
+from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.traces.tables import PoseTable
 from rigs.load import load
@@ -38,8 +39,12 @@ def _reported(found: Diagnosis) -> dict[int, float]:
 
 def test_joints_that_went_on_after_they_were_read_are_reported() -> None:
     ahead = np.radians([0.0, 0.02, 0.0, 0.02, 0.0, 0.0])
-    reported = _reported(_ahead(Q - ahead * np.sign(CAME)))
+    found = _ahead(Q - ahead * np.sign(CAME))
+    reported = _reported(found)
     assert set(reported) == {2, 4} and reported[2] == pytest.approx(0.02, abs=0.003)
+    act = found.next_act
+    assert act is not None and (act.kind, act.why) == ("wait", "early")
+    assert "stand longer before each pose is read" in ActWords(found).next
 
 
 def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:
@@ -82,6 +87,8 @@ def test_either_set_of_joints_can_be_imported(tmp_path: Path) -> None:
         done = CliRunner().invoke(app, [*map(str, words), "--operator", "anna"])
         assert done.exit_code == 0, done.exception
         said[joints] = CliRunner().invoke(app, ["diagnose", str(run)]).stdout
+    first = " ".join(said["measured"].split("What makes the error")[0].split())
+    assert "Next: Import the table again with the commanded joints (rig import TABLE" in first
     assert "before the joints" in said["measured"] and "before the joints" not in said["commanded"]
     table = pq.read_table(tmp_path / "commanded" / "table-0001.parquet")
     np.testing.assert_allclose(table["q2_deg"], np.degrees(Q[:, 1]), atol=1e-8)

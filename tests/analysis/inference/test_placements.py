@@ -21,6 +21,7 @@ from daq.store import load_manifest
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.independent_arm import Array, Cell, Seen, bad_zeros, cell, healthy, postures
+from tests.support.nightly import cases
 
 RIG = load("ur10e")[0].model_copy(update={"effects": ()})
 
@@ -57,7 +58,7 @@ def _poses(arm: tuple[Cell, np.random.Generator], count: int, moved_mm: Array | 
 FAR = np.array([400.0, -2500.0, 30.0])
 
 
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("named", cases((True, False), (False,)))
 def test_two_placements_calibrate_as_one_arm(
     tmp_path: Path, arm: tuple[Cell, np.random.Generator], named: bool
 ) -> None:
@@ -130,7 +131,7 @@ def test_a_placement_can_be_named_afterwards(tmp_path: Path, arm: tuple[Cell, np
     assert bad.exit_code == 2 and "name a placement with" in bad.stderr
 
 
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("named", cases((True, False), (True,)))
 def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) -> None:
     rng = np.random.default_rng(5)
     wrong = healthy(rng)

@@ -190,6 +190,7 @@ def test_tables_without_it_and_rails_without_the_rest_are_refused_in_a_line(case
         assert done.returncode and "rail" in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.nightly  # 7 s; poses along the rail show that it climbs, and touches a play, in each commit
 def test_touches_from_along_the_rail_show_that_it_climbs(rig: Rig) -> None:
     """Of each socket a stretch of the rail is used, where the arm reaches it."""
     rng = np.random.default_rng(23)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,6 +59,16 @@ def test_a_form_without_the_secret_controls_nothing(open_one: Served) -> None:
         assert open_one.post("/control/zero", body).status == 403
     assert open_one.window.watcher.zero_mm == (0.0, 0.0)
     assert open_one.post("/control/zero", f"secret={open_one.window.gate.secret}").status == 200
+
+
+def test_without_a_token_only_users_of_the_socket_control_anything(
+    open_one: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controls = open_one.window.controls
+    assert controls is not None
+    monkeypatch.setattr(type(controls), "is_allowed", lambda self, user: user != os.geteuid())
+    refused = open_one.post("/control/zero", f"secret={open_one.window.gate.secret}")
+    assert refused.status == 403 and "not allowed to control rigd, by its socket" in refused.text
 
 
 def test_without_control_nothing_is_controlled(tmp_path: Path) -> None:

@@ -80,6 +80,7 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert "good" in one.ask("/runs?q=yaw+good").text.split("<tbody>")[1]
     assert "There are no such runs." in one.ask("/runs?q=roll").text
     told = one.ask("/metrics").text
+    assert "rig_up 0" in told
     figure = 'rig="ur10e",test="yaw",direction="acw",figure="band_deg"'
     assert f"rig_figure{{{figure}}} 0." in told and f'rig_figure_limit{{{figure},bound="fail"}} 0.205' in told
     assert f'rig_figure_standing{{{figure},standing="pass"}} 1' in told

@@ -7,6 +7,7 @@ test.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -294,6 +295,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "a routine that is called in two bases": (
         {"a.src": HEAD + "go()\n$BASE=BASE_DATA[3]\ngo()\nEND\nDEF go()\nPTP {p1}\nEND\n"}, [(9, "several_frames")]
     ),
+    "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (
         {
             "a.src": HEAD + "$BASE=BASE_DATA[3]\nSWITCH n\nCASE 1\n$BASE=BASE_DATA[2]\n"
@@ -315,6 +317,10 @@ KUKA_STATED = (["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45", "3=0"])
 def test_kuka(row: str, tmp_path: Path) -> None:
     files, left = KUKA_ROWS[row]
     rig, files = _kuka(files)
+    if row == "flags in bits":
+        status, turn = re.findall(r"[ST] (\d+)", files["a.src"])[:2]
+        bits = f"S 'B{int(status):03b}',T 'B{int(turn):06b}'"
+        files = {"a.src": files["a.src"].replace(f"S {status},T {turn}", bits)}
     if row == "typed aggregates":
         files = {name: text.replace(": {", ": ").replace("}}", "}") for name, text in files.items()}
     assert _left(_corrected(rig, tmp_path, files, *KUKA_STATED)) == left

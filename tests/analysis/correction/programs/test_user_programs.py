@@ -282,6 +282,7 @@ BAS(#PTP_PARAMS,100)\r
 PTP XP1 \r
 ;ENDFOLD\r
 ; LIN {X 1.0, Y 2.0, Z 3.0, A 0, B 0, C 0}\r
+PTP {A1 -28.0, A2 -72, A3 98.000, A4 98, A5 -57.0, A6 198.0}\r
 SLIN XP2 WITH $VEL = SVEL_CP(2.0, , LCPDAT1), $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), C_SPL\r
 LIN_REL {Z 100.0}\r
 LIN XP3\r
@@ -336,14 +337,14 @@ def test_kuka(tmp_path: Path) -> None:
     data_path.write_bytes("\r\n".join(declared).encode())
     found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
     # XP1 stands behind a geometric operator, too, so it is not changed.
-    assert _changed(path.read_bytes(), found.files["Pick.src"]) == {7}
+    assert _changed(path.read_bytes(), found.files["Pick.src"]) == {7, 16}
     assert _changed(data_path.read_bytes(), found.files["Pick.dat"]) == {7}
     assert [(one.file, one.line, one.reason) for one in found.left] == [
-        (0, 17, "relative"),
-        (0, 19, "computed"),
-        (0, 19, "computed"),
-        (0, 20, "not_literal"),
-        (0, 23, "computed"),
+        (0, 18, "relative"),
+        (0, 20, "computed"),
+        (0, 20, "computed"),
+        (0, 21, "not_literal"),
+        (0, 24, "computed"),
         (1, 6, "changed"),
         (1, 8, "external_axes"),
         (1, 10, "changed"),

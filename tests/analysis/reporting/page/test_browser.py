@@ -5,16 +5,20 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis import evaluate_runs, load_run
+from analysis.inference.staircase import Left, Staircase, Step
 from analysis.reporting.page.report import gather
 from analysis.reporting.page.write_page import write_page
 from rigs.load import load, load_hidden
 from tests.support.browser import CHROMIUM, Browser, browser
+from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
 
 pytestmark = [
@@ -35,6 +39,19 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_page(
         gather(evaluate_runs(measured), diagnosed=False, progress=lambda doing: None), folder / "page.html"
     )
+
+
+@pytest.fixture(scope="module")
+def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same runs with a diagnosis made by hand, whose gap shrinks in two steps."""
+    found = diagnosis("named")
+    curves = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.curves)
+    maps = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.maps)
+    steps = [((), 6.1), ((0,), 3.0), ((1, 2), 1.9)]
+    staircase = Staircase(tuple(Step(parts, Left(um, 0.2)) for parts, um in steps), curves, maps)
+    measured = [load_run(path.parent) for path in sorted(page.parent.glob("yaw*/manifest.json"))]
+    report = gather(evaluate_runs(measured), found=replace(found, staircase=staircase), progress=lambda doing: None)
+    return write_page(report, tmp_path_factory.mktemp("stepped") / "page.html")
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +133,30 @@ def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path
         assert one.value("document.documentElement.scrollWidth") <= 390
         one.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
         assert one.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
+
+
+def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped: Path, tmp_path: Path) -> None:
+    picture = "document.querySelector('#steps ~ .pictures .live')"
+    curve = f"Array.from({picture}._fullData[1].y)"
+    with browser(tmp_path / "profile") as one:
+        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
+        one.send("Page.navigate", url=stepped.as_uri())
+        one.until(DRAWN)
+        assert one.value("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
+        one.until(f"{picture}._fullData?.length > 1")
+        last = one.value(curve)
+        one.value("document.querySelector('.stepper input').focus()")
+        for _ in range(2):
+            for kind in ("rawKeyDown", "keyUp"):
+                one.send(
+                    "Input.dispatchKeyEvent", type=kind, key="ArrowLeft", code="ArrowLeft", windowsVirtualKeyCode=37
+                )
+        one.until(f"{curve}.every(y => y === 0)")  # the model begun with says nothing more
+        assert "0" in one.value("document.querySelector('.stepper output').textContent")
+        assert one.value("document.querySelector('table.steps tr.now').textContent").count("6.1") == 1
+        one.value("document.querySelectorAll('.stepper button')[1].click()")
+        halfway = one.until(f"{curve}.some(y => y !== 0) && {curve}")
+        assert np.allclose(2 * np.array(halfway), last, rtol=1e-4, atol=1e-4)
 
 
 def test_dark_paper_has_light_ink(opened: Browser) -> None:

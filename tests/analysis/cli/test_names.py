@@ -1,0 +1,76 @@
+"""One word for one thing: makers, arms and rigs as people write them, and options as earlier versions spelled them."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from analysis.cli.emulate import locked_cell
+from rigs.errors import CellError, FileError
+from rigs.load import find
+from rigs.schema.vocabulary import Maker, maker_named
+from tests.support.command_line import ran
+
+
+@pytest.mark.parametrize(
+    ("word", "maker"),
+    [
+        ("ur", "ur"),
+        ("UR", "ur"),
+        ("UR10e", "ur"),
+        ("Universal Robots", "ur"),
+        ("Kuka", "kuka"),
+        ("ABB", "abb"),
+        ("Motoman", "yaskawa"),
+        ("siemens", None),
+        ("", None),
+    ],
+)
+def test_a_maker_is_understood_as_people_write_it(word: str, maker: Maker | None) -> None:
+    assert maker_named(word) == maker
+
+
+@pytest.mark.parametrize(("name", "file"), [("UR10E", "ur10e"), ("Paper Fanuc", "paper-fanuc"), ("ur10e", "ur10e")])
+def test_a_shipped_rig_is_understood_as_people_write_it(name: str, file: str) -> None:
+    assert find(name).stem == file
+
+
+def test_what_is_not_one_name_is_refused_with_those_that_are_near() -> None:
+    with pytest.raises(FileError, match="ur10e"):
+        find("UR")
+    done = ran("arms", "UR")
+    assert done.returncode == 3 and "did you mean ur" in done.stderr
+    assert ran("arms", "UR10E").stdout == ran("arms", "ur10e").stdout != ""
+
+
+def test_options_as_earlier_versions_spelled_them_still_work_and_no_help_shows_them(tmp_path: Path) -> None:
+    radial = ("simulate", "UR10e", "--test", "radial")
+    assert ran(*radial, "--runs", "2", "-o", tmp_path / "runs").returncode == 0
+    assert ran(*radial, "--times=2", "-o", tmp_path / "same").returncode == 0
+    assert len(list((tmp_path / "runs").iterdir())) == len(list((tmp_path / "same").iterdir())) == 2
+    new, old = (ran("history", "ur10e", option, tmp_path / "runs", "--json") for option in ("--runs", "--data"))
+    assert new.returncode == old.returncode == 0 and new.stdout == old.stdout
+    for command, word in (("correct", "--controller"), ("history", "--data"), ("simulate", "--runs ")):
+        assert word not in ran(command, "--help", COLUMNS="200").stdout
+
+
+@pytest.mark.parametrize("rig", ["ur10e", "paper-fanuc"])
+def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    reached: list[Any] = []
+    monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
+    done = ran("doctor", rig)
+    assert "this rig file is a shipped example" in done.stdout and "rig init cell.yaml" in done.stdout
+    assert not [address for address in reached if isinstance(address, tuple)]
+    scanned = ran("doctor", rig, "--scan")
+    assert scanned.returncode == 2 and "is a shipped example" in scanned.stderr
+
+
+def test_two_cells_are_not_emulated_in_one_directory(tmp_path: Path) -> None:
+    lock = locked_cell(tmp_path / "cell")
+    with pytest.raises(CellError, match=r"cell: another rig emulate or rig replay serves .*; stop that one, or give"):
+        locked_cell(tmp_path / "cell")
+    lock.release()
+    locked_cell(tmp_path / "cell").release()

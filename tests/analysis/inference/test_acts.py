@@ -1,0 +1,189 @@
+"""Acts: what a person is led to do about cells of one to three hidden effects, and whether figures are one story."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.inference.act_list import LEAST_SHARE
+from analysis.inference.result import Diagnosis, Named, is_sure
+from analysis.inference.verdict import Gaps, condition_of
+from analysis.reporting.act_words import ActWords
+from analysis.reporting.answer_words import AnswerWords
+from analysis.simulation.simulate import simulate
+from analysis.traces.loading import Measured
+from rigs.calibration import Judged, ground_of, verdict_of
+from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkGeometry, TransmissionError
+from rigs.load import load
+from rigs.schema.effect import name_of, whole_order
+from tests.support.diagnosis_cells import RIG, WAYS, circles, found_in, measured
+from tests.support.handmade_calibration import calibrated_model
+from tests.support.made_once import made_once
+
+ZERO = JointOffset(axis=3, offset_deg=0.05)
+GEAR = TransmissionError(axis=4, order=8, amplitude_deg=0.03, phase_deg=40)
+PLAY = Backlash(axis=5, width_deg=0.03)
+DEMO = (PLAY, GEAR, ZERO)
+"""What the demo hides."""
+assert RIG.tests.circle
+_X, _Y, _Z = RIG.tests.circle.centre_mm
+_CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (_X + 60, _Y, _Z - 60)})
+ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": _CIRCLE})})
+
+
+def there(effects: tuple[Effect, ...]) -> list[Measured]:
+    """A lap each way at another place."""
+    return [
+        measured(simulate(ELSEWHERE, "yaw", way, 77 + k, effects), "yaw", f"else-{way}", ELSEWHERE)
+        for k, way in enumerate(WAYS)
+    ]
+
+
+@made_once
+def demo() -> Diagnosis:
+    """Two laps each way of the demo's cell, judged at another place."""
+    return found_in(circles(DEMO), unseen=there(DEMO))
+
+
+@made_once
+def one_lap() -> Diagnosis:
+    """One lap each way of it: too little to name the zero."""
+    return found_in(circles(DEMO, count=1), unseen=there(DEMO))
+
+
+@made_once
+def one_zero() -> Diagnosis:
+    """A zero of axis 4, of which the set-up could take up a half."""
+    return found_in(circles((JointOffset(axis=4, offset_deg=0.05),)))
+
+
+@made_once
+def one_play() -> Diagnosis:
+    """A play of twice what is usual, by a lap each way."""
+    return found_in(circles((Backlash(axis=1, width_deg=0.02),), count=1))
+
+
+def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_removes_most_first() -> None:
+    found = demo()
+    sentence = AnswerWords(found).headline.partition(". ")[0]
+    for words in (
+        "% of the error comes from zero of axis 3",
+        "gear error of axis 4 (gamma), 8 a turn",
+        "play of axis 5",
+    ):
+        assert words in sentence
+    first, *others = found.acts
+    assert first.kind == "load" and first.place == "unseen"
+    assert first.removes_um > 90 and first.remains_um < 15 and first.remains_u_um < 5
+    removed = [act.removes_um for act in found.acts if act.removes_um]
+    assert removed == sorted(removed, reverse=True)
+    assert any(act.kind == "repair" and act.effect and name_of(act.effect) == "transmission_error 4" for act in others)
+    zero = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
+    mastered = any(act.kind == "remaster" and act.effect == zero.effect for act in others)
+    # A zero of fewer than 20 to 1 is not mastered anew; the runs that only judged would make it sure.
+    assert mastered == (zero.posterior > 20 / 21)
+    named = [act.test.test for act in others if act.why == "group" and act.test]
+    assert mastered or named == ["--unseen"]
+    assert ActWords(found).next.startswith("Load the corrected programs and entries")
+
+
+def test_a_group_above_a_third_names_its_members_and_the_runs_that_only_judged_would_name_one() -> None:
+    found = one_lap()
+    k, group = next((k, part) for k, part in enumerate(found.budget) if part.members)
+    assert group.kind == "constants" and group.share > 0.6
+    assert name_of(group.members[0].effect) == "joint_offset 3" and group.members[0].odds < 0.95
+    act = next(one for one in found.acts if one.why == "group")
+    assert act.parts == (k,) and act.test and act.test.test == "--unseen" and act.cost.minutes == 0
+    assert act.test.odds_then > 20 / 21
+
+
+@pytest.mark.nightly
+def test_the_runs_that_only_judged_name_the_zero_once_they_are_used_as_well() -> None:
+    named = found_in([*circles(DEMO, count=1), *there(DEMO)])
+    assert any(name_of(one.effect) == "joint_offset 3" and one.posterior > 20 / 21 for one in named.effects)
+
+
+@pytest.mark.parametrize("make", [demo, one_lap, one_zero, one_play])
+def test_every_part_above_a_tenth_has_an_act_or_a_reason_and_every_remainder_its_u(make: object) -> None:
+    found = make()  # type: ignore[operator]
+    served = {k for act in found.acts for k in act.parts}
+    assert {k for k, part in enumerate(found.budget) if part.share > LEAST_SHARE} <= served
+    assert all(act.remains_u_um > 0 for act in found.acts if act.kind not in ("measure", "none"))
+
+
+def test_gap_and_budget_have_one_freedom_of_the_set_up() -> None:
+    found = one_zero()
+    zero, scatter = found.budget[0], next(part for part in found.budget if part.kind == "scatter")
+    # The ball of the budget is held where it fits beside the zero, that of the gap where the rig file has it: 12 %.
+    # With a ball as free as least squares leave it, they differed by a factor of two.
+    assert np.hypot(zero.um, scatter.um) == pytest.approx(found.train.before_um, rel=0.15)
+    assert all(-0.005 <= part.share <= 1.0 for part in found.budget)
+
+
+def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows() -> None:
+    found = one_play()
+    (play,) = found.effects
+    assert found.level < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
+    assert AnswerWords(found).headline.startswith("99 % of the error comes from play of axis 1 (Theta) (0.0199")
+    assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
+    assert found.acts[0].effect == play.effect and found.acts[0].removes
+
+
+def test_a_small_name_with_a_rival_labels_no_others() -> None:
+    found = demo()
+    sure = replace(found.effects[0], doubt=None, posterior=1.0, worth_um=8900.0)
+    small = replace(sure, posterior=0.6, worth_um=133.0)
+
+    def condition(*names: Named) -> str:
+        return condition_of(None, names, None, Gaps(found.train, None, None), is_material=False, early=False)  # type: ignore[arg-type]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.inference.verdict._is_testable", lambda *_, **__: True)
+        assert condition(sure, sure, small) == "named"
+        assert condition(replace(small, worth_um=9000.0), sure) == "ambiguous"
+
+
+def judged(**changed: object) -> Judged:
+    told = {"condition": "named", "place": "unseen", "before_um": 100.0, "names_um": 40.0, "whole_um": 20.0,
+            "handed_um": 20.0, "noise_um": 3.0, "unexplained_um": 19.8}  # fmt: skip
+    return Judged.model_validate(told | changed)
+
+
+@pytest.mark.parametrize(
+    ("said", "ground", "verdict"),
+    [
+        (None, "not_judged", "correct"),
+        (judged(), "gains_elsewhere", "correct"),
+        (judged(place="used"), "explained", "correct"),
+        (judged(place="used", condition="outside_library"), "unknown_cause", "nothing"),
+        (judged(condition="outside_library", handed_um=90.0), "unknown_cause", "nothing"),
+        (judged(condition="outside_library", names_um=54.0, handed_um=54.0), "gains_elsewhere", "correct"),
+        (judged(handed_um=101.0), "no_gain_elsewhere", "nothing"),
+    ],
+)
+def test_the_verdict_travels_with_the_model(said: Judged | None, ground: str, verdict: str) -> None:
+    model = calibrated_model(judged=said)
+    assert (ground_of(model), verdict_of(model)) == (ground, verdict)
+    assert ("judged" in model.model_dump()) == (said is not None)  # files of earlier versions stay as they are
+
+
+def test_the_model_of_the_demo_says_of_itself_where_it_was_judged() -> None:
+    found = demo()
+    assert found.calibrated and found.calibrated.judged and found.unseen
+    own = found.calibrated.judged
+    assert (own.place, own.condition) == ("unseen", found.condition) and own.gained > 0.9
+    assert own.handed_um == found.unseen.calibrated_um <= 1.03 * own.names_um
+
+
+def test_softness_is_usual_by_the_build_of_the_arm() -> None:
+    soft = Compliance(axis=2, deg_per_Nm=5.5e-4)
+    assert soft.usual_times("industrial") == 1
+    assert soft.deg_per_Nm / (soft.healthy * soft.usual_times("light")) < 2  # a UR10 as it was measured
+    assert LinkGeometry(axis=3, field="a", delta=0.2).usual_times("light") == 2
+    assert load("ur10")[0].robot.built == "light" and RIG.robot.built == "industrial"
+
+
+def test_an_order_known_to_a_tenth_of_a_wave_is_the_number_of_teeth() -> None:
+    assert (whole_order(8.001), whole_order(7.96), whole_order(2.656), whole_order(0.04)) == (8, 8, 2.656, 0.04)
