@@ -11,7 +11,7 @@ from rigs.effects import JointOffset
 
 
 def test_an_error_of_the_arm_says_why_two_eccentricities_differ_and_a_sound_arm_says_nothing() -> None:
-    """A wrong zero turns the tool once a lap and shifts its circle, by different amounts: no place of the ball is both."""
+    """A wrong zero turns the tool and shifts its circle by different amounts: no place of the ball is both."""
     sound, bent = (
         analysis.evaluate(analysis.simulate("paper-fanuc", "yaw", "acw", effects=effects))
         for effects in ((), (JointOffset(axis=3, offset_deg=0.05),))
