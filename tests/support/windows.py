@@ -25,7 +25,9 @@ from analysis.window.shelf import Shelf
 from analysis.window.watcher import Watcher
 from rigs.errors import CellError
 
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
+"""How long a page may be awaited. What is awaited is computed in this process, whose share of a busy computer may be a
+twentieth: a page of 7 s of processor time. Less than the time limit of a test, so that the last answer is shown."""
 
 
 def no_daemon() -> Path:
@@ -78,7 +80,7 @@ class Served:
 
     def ask(self, path: str, method: str = "GET", body: str | bytes | None = None, **headers: str) -> Answer:
         """One request; headers: by name, with _ for -."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             named = {name.replace("_", "-"): value for name, value in headers.items()}
             connection.request(method, path, body, named)
@@ -102,7 +104,7 @@ class Served:
 
     def raw(self, data: bytes = b"") -> socket.socket:
         """A connection on which so much was sent."""
-        sock = socket.create_connection(("127.0.0.1", self.port), timeout=30)
+        sock = socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
         sock.sendall(data)
         return sock
 
