@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from analysis.live.loop import RunPlayer
 from analysis.live.played_run import played_run
@@ -26,8 +27,8 @@ from analysis.window.watcher import Watcher
 from rigs.errors import CellError
 
 PATIENCE_S = 300.0
-"""How long a page may be awaited. What is awaited is computed in this process, whose share of a busy computer may be a
-twentieth: a page of 7 s of processor time. Less than the time limit of a test, so that the last answer is shown."""
+"""How long a page may be awaited: its share of a busy computer may be a twentieth. Less than the time limit of a test,
+so that the last answer is shown."""
 
 
 def no_daemon() -> Path:
@@ -120,7 +121,8 @@ def served(
     session: Path | None = None,
     port: int = 0,
 ) -> Iterator[Served]:
-    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon."""
+    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes is not of lower
+    priority than the tests that await it: on a busy computer it would get no time at all."""
     place = Place(session) if session else None
     watcher = Watcher(find, place, source=source)
     controls = Controls(watcher, place, "") if control else None
@@ -132,7 +134,8 @@ def served(
     try:
         while not server.started:
             time.sleep(0.01)
-        yield Served(window, sock.getsockname()[1])
+        with patch("analysis.window.made._NICE", 0):
+            yield Served(window, sock.getsockname()[1])
     finally:
         server.should_exit = True
         thread.join(30)
