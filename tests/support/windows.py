@@ -121,8 +121,8 @@ def served(
     session: Path | None = None,
     port: int = 0,
 ) -> Iterator[Served]:
-    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes is not of lower
-    priority than the tests that await it: on a busy computer it would get no time at all."""
+    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes has the
+    priority of the tests that await it: below it, on a busy computer, it would get no time at all."""
     place = Place(session) if session else None
     watcher = Watcher(find, place, source=source)
     controls = Controls(watcher, place, "") if control else None
