@@ -31,9 +31,7 @@ def calibrated(*plays: Effect) -> Rig:
     )
     fields = ["width_deg"] * (len(terms) - 1) + [TIMES]
     parameters = tuple(Parameter(term=k, field=name) for k, name in enumerate(fields))
-    model = calibrated_model(
-        terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters)))
-    )
+    model = calibrated_model(terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters))))
     rig, _ = load("paper-fanuc")
     return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)
 
