@@ -50,8 +50,8 @@ def test_what_is_missing_is_found_as_the_page_says(tmp_path: Path) -> None:
     lines = _commands("Find what is missing")
     said = {line.partition("#")[0].strip(): _ran(line, tmp_path) for line in lines}
     (first, second) = (text for line, text in said.items() if line.startswith("rig diagnose"))
-    quoted = re.findall(r"(?<!\*)\*([A-Z][^*]+)\*(?!\*)", _section("Find what is missing"))
-    assert len(quoted) == 2
+    quoted = re.findall(r"(?<!\*)\*([A-Z0-9][^*]+)\*(?!\*)", _section("Find what is missing"))
+    assert len(quoted) == 4
     for sentence in quoted:
         words, figures = _with_numbers_out(" ".join(sentence.split()))
         around = re.search(re.escape(words).replace("\\#", "#"), _with_numbers_out(first)[0])

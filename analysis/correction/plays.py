@@ -21,7 +21,7 @@ from analysis.robot_programs.plan import Plan
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import is_play, size_field, size_of
+from rigs.schema.effect import is_play, size_field
 
 _BETWEEN = 16
 """Places between two targets at which the turning of a joint is looked at."""
@@ -45,7 +45,7 @@ def _found_plays(calibrated: CalibratedModel) -> Iterator[Effect]:
         term = calibrated.terms[parameter.term]
         effect, u = term.effect, float(np.linalg.norm(calibrated.root[row]))
         is_found = not term.named and effect.STAGE == "joint" and is_play(effect)
-        if is_found and parameter.field == size_field(effect) and size_of(effect) >= _CERTAIN_U * u:
+        if is_found and parameter.field == size_field(effect) and getattr(effect, parameter.field) >= _CERTAIN_U * u:
             yield effect
 
 

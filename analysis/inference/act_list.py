@@ -26,9 +26,6 @@ _WORTH = 0.8
 _RARE = 3.0
 """Times usual from which something of usual size is repaired where it makes much of the error: three arms of a thousand
 show as much of it without a fault."""
-_SHAPES = 2.0
-"""Independent shapes that what a model misses at one place has: half of it is then one standard uncertainty of what it
-misses at the next, 1 / √(2 · 2). Chosen: the least for which an rms has a standard uncertainty at all."""
 
 
 @dataclass(frozen=True)
@@ -47,21 +44,11 @@ class JudgedPlace:
         before = self.gap.before_um
         after = left_um(self.there, self.used, effects)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
-        u_um = math.hypot(relative_u * change, self.missed_um / math.sqrt(2 * _SHAPES), self.floor_u_um)
+        u_um = math.hypot(relative_u * change, self.gap.left_u_um)
         return Act(
             "none", "sound", removes_um=before - after, removes_u_um=u_um, place=self.place, remains_um=after,
             remains_u_um=u_um,
         )  # fmt: skip
-
-    @property
-    def missed_um(self) -> float:
-        """What the calibrated model leaves there beyond the noise."""
-        return math.sqrt(max(self.gap.calibrated_um**2 - self.gap.noise_floor_um**2, 0.0))
-
-    @property
-    def floor_u_um(self) -> float:
-        """How much the noise of single runs moves a gap, µm."""
-        return self.gap.noise_floor_um / math.sqrt(2 * max(len(self.there), 1))
 
 
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
@@ -86,12 +73,34 @@ def acts_of(
 def _acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> tuple[Act, ...]:
     if found.condition == "not_testable_here":
         return (Act("measure", "not_visible", command=("plan", _model(found))),)
-    acts = [*_repairs(found, judged), *_corrections(found, judged)]
-    acts.sort(key=lambda one: -one.removes_um)
+    acts = _in_order([*_repairs(found, judged), *_corrections(found, judged), *_approaches(found)])
     asked = _measurements(found, judged, tests)
     first = [one for one in asked if _comes_first(one, acts, found)]
     acts = [*first, *acts, *(one for one in asked if one not in first)]
     return tuple([*acts, *_without_act(found, acts)] or [Act("none", "sound")])
+
+
+def _in_order(acts: Sequence[Act]) -> list[Act]:
+    """Return acts, what removes most first. What is usual is corrected for today, and repaired where that is not
+    enough: its repair stands behind its correction."""
+    corrected = {k for one in acts if one.kind in ("load", "approach") for k in one.parts}
+    late = [one for one in acts if one.why == "sure_and_large" and one.kind == "repair" and {*one.parts} <= corrected]
+    first = sorted((one for one in acts if one not in late), key=lambda one: -one.removes_um)
+    late.sort(key=lambda one: -one.removes_um)
+    return [*first, *(replace(one, why="not_enough") for one in late)]
+
+
+def _approaches(found: Diagnosis) -> list[Act]:
+    """Return the correction for today of what depends on the side from which a joint came, which no target holds: every
+    target is approached from one side."""
+    acts = []
+    for k, part in enumerate(found.budget):
+        if part.index is None or part.share <= LEAST_SHARE or not is_sure(found, part):
+            continue
+        effect = found.effects[part.index].effect
+        if effect.part == "reversal" and effect.compensation().use == "none":
+            acts.append(Act("approach", "history", (k,), remains_um=part.um, remains_u_um=part.u_um, effect=effect))
+    return acts
 
 
 def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:

@@ -12,10 +12,10 @@ from typing import Any, Literal
 from rigs.effects import Effect
 from rigs.schema.effect import label_of
 
-ActKind = Literal["repair", "remaster", "enter", "load", "measure", "mount", "wait", "convert", "none"]
-"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries; measure
-what decides; mount ball, gauges or base again; wait until the arm is warm; convert readings that were taken in another
-way; or nothing."""
+ActKind = Literal["repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "none"]
+"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries;
+approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
+convert readings that were taken in another way; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
 Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
@@ -28,14 +28,14 @@ Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unex
 (`doubt`); no run of another place judged it; the runs are too few (`runs` of each kind decide); much remains that no
 known cause explains; or the rig file declares no further test."""
 Reason = Literal[
-    "fault", "sure_and_large", "correction", "rivals", "group", "few_runs", "unexplained", "not_visible", "elsewhere",
-    "scatter", "too_small", "history", "gauges", "sound", "early",
+    "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "unexplained", "not_visible",
+    "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
 ]  # fmt: skip
-"""Why an act stands in the list: a fault; a usual error that makes much of the whole; a correction for today; rivals
-are to be distinguished; a group is to be named; the runs are too few; an unknown cause; the tests do not show it; how
-accurate the arm is elsewhere is not known; joints were read too early. And why there is none: it differs from run to
-run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to the
-gauges; nothing is wrong."""
+"""Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else
+takes away; such an error, where its correction for today is not enough; that correction; rivals are to be separated; a
+group is to be named; the runs are too few; an unknown cause; the tests do not show it; how accurate the arm is
+elsewhere is not known; joints were read too early. And why there is none: it differs from run to run; what a correction
+gains is too small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
 
 
 @dataclass(frozen=True)
@@ -110,4 +110,4 @@ class Act:
 def is_done(kind: str, why: str) -> bool:
     """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
     another place as well."""
-    return kind in ("load", "enter") or (kind, why) == ("measure", "elsewhere")
+    return kind in ("load", "enter", "approach") or (kind, why) == ("measure", "elsewhere")

@@ -40,8 +40,8 @@ class NamingTests:
     possible: Sequence[PossibleTest]
 
     def for_rivals(self, one: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
-        """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None where
-        none does."""
+        """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
+        where none does."""
         pairs = ((one, rival), (rival, one))
         sigmas = [
             min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)

@@ -296,6 +296,11 @@ class TestGap:
         return {key: value for key, value in asdict(self).items() if key != "test"}
 
 
+_SHAPES = 2.0
+"""Independent shapes that what a model misses at one place has: half of it is then one standard uncertainty of what it
+misses at the next, 1 / √(2 · 2). Chosen: the least for which an rms has a standard uncertainty at all."""
+
+
 @dataclass(frozen=True)
 class Gap:
     """Root mean square in µm of the residual, before and after the effects are added to the model.
@@ -318,6 +323,13 @@ class Gap:
         """Standard uncertainty of each of these figures in µm: that of the mean of so many runs, of which each has the
         noise."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
+
+    @property
+    def left_u_um(self) -> float:
+        """Standard uncertainty in µm of what a model leaves: that of the gap, and what the calibrated model misses
+        beyond the noise, of which half may be another next time."""
+        missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
+        return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, the keys without their unit, which is µm."""

@@ -63,9 +63,9 @@ def staircase_of(
 
 
 def _lefts(gaps: Sequence[Gap | None], left_um: Sequence[float | None]) -> tuple[Left, Left | None, Left | None]:
-    """Return what is left at each place with its uncertainty, which is that of the gap there."""
+    """Return what is left at each place with its uncertainty, which is that of the acts."""
     used, held_out, unseen = (
-        Left(um, gap.u_um) if gap is not None and um is not None else None
+        Left(um, gap.left_u_um) if gap is not None and um is not None else None
         for gap, um in zip(gaps, left_um, strict=True)
     )
     assert used is not None  # noqa: S101 - a diagnosis has runs that it used

@@ -47,11 +47,12 @@ class ActWords:
         if act.effect is None:
             own = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
             return texts(own.get(act.kind, f"act_{act.kind}"), command=command(act))
-        return texts(f"act_{act.kind}", cause=self.noun(act.effect), size=self._size(act), axis=_axis(act.effect))
+        key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        return texts(key, cause=self.noun(act.effect), size=self._size(act), axis=_axis(act.effect))
 
     def removes(self, act: Act) -> str:
         """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
-        if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
+        if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
             return ""
         before = act.removes_um + act.remains_um
         key = "act_changes" if act.removes else "act_hardly"

@@ -17,6 +17,7 @@ from rich.text import Text
 from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
+from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import Support
 from analysis.correction.target_path import corrected_columns
@@ -27,7 +28,7 @@ from analysis.reporting.controller_report import base_note
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
-from rigs.schema.effect import label_of
+from rigs.schema.effect import label_of, size_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
@@ -56,6 +57,9 @@ def as_table(found: Corrections) -> RenderableType:
     for one in found.effects:
         style = "green" if one.use != "none" else "yellow"
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
+    for play in (one for one in known_plays(found.rig) if one not in found.rig.effects):
+        value = f"{size_of(play):.4g} {quantity_of(play, size_field(play), {}).sign}"
+        effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
     parts: list[RenderableType] = [Text(_first(found), style="bold"), Text(), whole(effects)]
     if why := why_nothing(found.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))

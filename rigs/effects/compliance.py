@@ -23,11 +23,11 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
 }
 """How soft a joint of axes 1 to 3, and one of the wrist, is without a fault.
 
-- industrial: cycloidal reducers. Identified joints of a KUKA KR240 (Dumas et al., 2011) and KR500 (Jubien et al., 2014)
-  are of 0.3 to 1 µrad/Nm; Nabtesco's torsional rigidity of RV reducers for such axes is of the same size.
+- industrial: 0.9 and 5 µrad/Nm, assumed. No measured arm and no table of its reducers stands behind them.
 - light: strain-wave gears. Axes 2 and 3 of a UR10 yield 8 to 11 µrad/Nm in four series (Landgraf et al., 2021, as rig
-  fits them), 4.6 to 6.3e-4 °/Nm; the wrist has gears of half the diameter, which yield five times as much (K1 to K3 of
-  Harmonic Drive's tables grow with the third power of the size).
+  fits them), 4.6 to 6.3e-4 °/Nm. Rainbow Robotics states 9 µrad/Nm for the largest joint of an RB-Y1 and 20, 40, 71 and
+  164 for the smaller ones (its joint specification, sizes 32 to 14): a wrist of size 17 to 20 yields 40 to 71,
+  2.3 to 4.1e-3 °/Nm.
 - torque_sensing: a sensor of torque is a spring in series. Axes 2 to 4 of an iiwa 14 yield 55 to 75 µrad/Nm (Franzese
   et al., 2024, as rig fits them), 3.2 to 4.3e-3 °/Nm.
 """
@@ -71,7 +71,7 @@ class Compliance(Effect):
 
     @property
     def healthy(self) -> float:
-        """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist."""
+        """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist; assumed, as of a machine's reducers."""
         return 5e-5 if self.axis <= 3 else 3e-4
 
     def usual_times(self, build: Build) -> float:

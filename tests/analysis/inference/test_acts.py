@@ -128,7 +128,11 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
     assert found.level < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
     assert AnswerWords(found).headline.startswith("99 % of the error comes from play of axis 1 (Theta) (0.0199")
     assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
-    assert found.acts[0].effect == play.effect and found.acts[0].removes
+    today, cause = found.acts[:2]
+    assert (today.kind, cause.kind, cause.why) == ("approach", "repair", "not_enough")
+    assert cause.effect == play.effect and cause.removes
+    assert "worn" not in ActWords(found).sentence(cause)
+    assert found.staircase and found.staircase.steps[-1].used.u_um == pytest.approx(cause.remains_u_um, rel=0.05)
 
 
 def test_a_small_name_with_a_rival_labels_no_others() -> None:
@@ -140,7 +144,7 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
         return condition_of(None, names, None, Gaps(found.train, None, None), is_material=False, early=False)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
-        # private: the gaps of the demo are too few for it, and the labels are asked alone
+        # private: the names are judged without runs
         patch.setattr("analysis.inference.verdict._is_testable", lambda *_, **__: True)
         assert condition(sure, sure, small) == "named"
         assert condition(replace(small, worth_um=9000.0), sure) == "ambiguous"

@@ -115,6 +115,8 @@ def test_every_act_and_everything_against_it_has_words(language: Language) -> No
     words = ActWords(diagnosis(), texts_of(language))
     acts = [Act(kind, "fault", (0,), 3.0, 1.0, place, 2.0, 1.0, effect=PLAY.effect, u=0.001)
             for kind in ("repair", "remaster", "enter", "mount", "wait") for place in get_args(JudgedOn)]  # fmt: skip
+    acts += [Act("repair", why, (0,), 3.0, 1.0, effect=PLAY.effect) for why in ("not_enough", "sure_and_large")]
+    acts += [Act("approach", "history", (0,), effect=PLAY.effect)]
     acts += [Act("none", why, (0,)) for why in ("scatter", "unexplained", "too_small", "history", "gauges", "sound")]
     acts += [Act("measure", why, (0,), runs=3) for why in ("few_runs", "not_visible", "elsewhere", "rivals", "group")]
     against = [Against(why, ("d",), "unsure", 3) for why in get_args(Objection)]
