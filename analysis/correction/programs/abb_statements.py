@@ -118,7 +118,8 @@ _FUNCTIONS = words("""
 
 
 def literal_frames(kind: str, text: str) -> Array | None:
-    """Return the frame (4, 4) of a literal of tooldata or wobjdata that the robot holds, or does not, as it should."""
+    """Return the frame (4, 4), in mm, of a literal of tooldata or wobjdata that the robot holds, or does not, as it
+    should."""
     shape = {
         "tooldata": "[TRUE,[[000],[0000]],[0,[000],[0000],000]]",
         "wobjdata": '[FALSE,TRUE,"",[[000],[0000]],[[000],[0000]]]',

@@ -145,6 +145,8 @@ class _Ways:
         return bool(np.isfinite(self.q[k]).all())
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
+        """Return the joint angles (6,) rad with which the arm arrives at target k from the target `source`, or why
+        they are not known."""
         key = (source, k, way)
         if key not in self.known:
             found = self.branches[k]
