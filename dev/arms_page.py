@@ -47,7 +47,7 @@ Centres of mass and limits stay as published.
 ## An arm from a URDF
 
 ```sh
-pip install pytransform3d
+pipx install '.[urdf]'                # once, in the clone: with pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 

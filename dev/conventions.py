@@ -73,9 +73,7 @@ def _jacobi(path: Path) -> PoseTable:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/dev conventions", description=__doc__)
     parser.add_argument("--sound", type=int, default=70, help="sound cells (70: some 300 runs)")
-    parser.add_argument(
-        "--driven", type=int, default=30, help="sound cells that drive cw on from acw (30: 120 runs)"
-    )
+    parser.add_argument("--driven", type=int, default=30, help="sound cells that drive cw on from acw (30: 120 runs)")
     parser.add_argument("--each", type=int, default=20, help="cells of each kind with one convention broken (20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first cell (0)")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured data (../shared/data)")

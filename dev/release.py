@@ -15,6 +15,8 @@ from typing import Annotated
 
 import typer
 
+from rigs.distribution import NAME
+
 CHECKS = {
     "every check and test passes": ["scripts/test"],
     "the demo agrees with the truth": ["scripts/demo"],
@@ -43,7 +45,7 @@ def main(
         print(f"not checked: {'; '.join(CHECKS)}")
     print("then, by hand:")
     print(f"  git tag --annotate v{version} --message 'rig {version}' && git push origin v{version}")
-    print("  publish dist/, and the section of CHANGELOG.md as the text of the release")
+    print(f"  publish dist/, which is called {NAME}, and the section of CHANGELOG.md as the text of the release")
     print("  begin the next section of CHANGELOG.md, ## Unreleased")
 
 

@@ -67,7 +67,7 @@ def build(folder: Path) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     if done.returncode:
         _fail(f"the wheel cannot be built: {done.stderr}")
-    return folder / f"rig-{VERSION}-py3-none-any.whl"
+    return folder / f"rig_metrology-{VERSION}-py3-none-any.whl"
 
 
 def install(wheel: Path, scratch: Path, *, borrow: bool) -> Environment:

@@ -196,7 +196,7 @@ class CalibratedModel(Part):
 
 Verdict = Literal["correct", "nothing"]
 Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere"]
-"""Why a model is corrected by, or not: nobody judged it; the runs used are explained; it takes away error where it had
+"""Why a model is corrected by, or not: no run judged it; the runs used are explained; it takes away error where it had
 no part; what explains the readings is in no library; or it takes away nothing where it had no part."""
 _LEAST_GAIN = 0.3
 """Share of the mean square that a model must take away where it had no part to be corrected by although an unknown

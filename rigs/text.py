@@ -26,11 +26,6 @@ def as_argument(path: Path | str) -> str:
     return shlex.quote(str(path))
 
 
-def to_install(package: str) -> str:
-    """Return what a person does to install a missing package where rig runs."""
-    return f"install it beside rig: pipx inject rig {package}, or pip install {package} in rig's environment"
-
-
 def forget_width_of_0() -> None:
     """Remove COLUMNS=0 from the environment: such a width is unknown, and everything would be laid out in no
     columns at all."""

@@ -104,7 +104,8 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print why tests were repeated: a program that is at fault now and then would be seen here only."""
     for report in terminalreporter.getreports("rerun"):
-        terminalreporter.write_line(f"{report.nodeid}: {report.longrepr.reprcrash.message}")
+        crash = getattr(report.longrepr, "reprcrash", None)  # None where a worker died
+        terminalreporter.write_line(f"{report.nodeid}: {crash.message if crash else report.longrepr}")
 
 
 def _real_time(item: pytest.Item) -> pytest.Mark | None:

@@ -259,7 +259,8 @@ def _named(page: Path) -> list[tuple[str, str]]:
 
 
 SAMPLE_PAGE = ROOT / "docs" / "analysis.md"
-NAMES = sorted({name for page in (SAMPLE_PAGE, *HOW_TO.glob("*.md")) for name in _named(page)})
+HOUSE_PAGE = ROOT / "docs" / "architecture.md"
+NAMES = sorted({name for page in (SAMPLE_PAGE, HOUSE_PAGE, *HOW_TO.glob("*.md")) for name in _named(page)})
 
 
 def _defined(path: Path) -> set[str]:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_text
-from rigs.text import to_install
 
 if TYPE_CHECKING:
     from pytransform3d.urdf import Joint, Link

@@ -16,8 +16,8 @@ from itertools import islice
 from typing import Any
 
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
-from rigs.text import to_install
 
 _AHEAD = 1000
 """Items given to the cluster beyond the one that is waited for: more than a cluster has threads."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from analysis.batch.remote_path import RemotePath
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
-from rigs.text import to_install
 
 _PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
 """The packages by which fsspec opens the protocols for which rig has an extra."""

@@ -16,6 +16,7 @@ from typer.exceptions import TyperException
 from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import HELP, Group, with_the_command_of
 from analysis.cli.console import say_error
+from rigs.distribution import version
 from rigs.errors import CellError, FileError, RigError, wrong_use
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0
@@ -110,9 +111,7 @@ def _wrong_use(error: TyperException) -> NoReturn:
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib import metadata  # noqa: PLC0415
-
-        typer.echo(f"rig {metadata.version('rig')}")
+        typer.echo(f"rig {version()}")
         raise typer.Exit
 
 

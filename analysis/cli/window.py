@@ -66,8 +66,8 @@ def window(
     it unless --listen says otherwise. It reads only, unless --control is
     given; the robot is never commanded.
     """
+    from rigs.distribution import to_install  # noqa: PLC0415
     from rigs.errors import CellError  # noqa: PLC0415
-    from rigs.text import to_install  # noqa: PLC0415
 
     try:
         from analysis.window.run import Asked, run_window  # noqa: PLC0415
@@ -75,6 +75,6 @@ def window(
         if error.name not in ("starlette", "uvicorn"):
             raise
         what = f"needs {error.name}, which is not installed"
-        raise CellError("rig window", what, to_install("starlette uvicorn")) from None
+        raise CellError("rig window", what, to_install("starlette", "uvicorn")) from None
     asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
     run_window(asked, say)

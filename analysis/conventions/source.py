@@ -26,7 +26,7 @@ OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration o
 _NO_INSTRUMENT_MM = 0.005
 """The best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms repeat to 0.01 mm."""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
-"""By an arm's nominal constants frame and target are known so well: the calibrations of sound arms move them by so
+"""How well frame and target are known by an arm's nominal constants: the calibrations of sound arms move them by so
 much. The smallest reflectors are balls of 12.7 mm on a nest."""
 _SPARE = 30
 """Readings beyond the unknowns, of which a fit to a few µm is no chance."""

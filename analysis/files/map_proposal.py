@@ -298,7 +298,7 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
         other = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
         _ask(judge, [(other, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
         return other
-    elif first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
+    if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
             f"the joints move too little to show order and signs of the columns ({first.words} fits to "
             f"{first.left_mm:.2g} mm, as named to {best.left:.2g} mm): they are taken as they are named"

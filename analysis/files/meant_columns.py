@@ -21,7 +21,7 @@ from analysis.files.table_problems import TableFileError
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.traces.tables import PoseTable
 
-_STEPS, _ALL_STEPS, _BEST = 12, 100, 4
+_STEPS, _ALL_STEPS, _BEST = 8, 60, 3
 """Steps of a fit while meanings are screened, of the best few of them, and how many those are."""
 _ALIKE = 4.0
 """Places spread as far as the flange does, but for what the tool adds: units in which they do not are left out."""

@@ -27,6 +27,7 @@ from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST
 from daq.store.arrays import array_of
+from rigs.distribution import to_install
 from rigs.errors import FileError
 
 _WORKBOOK = b"PK\x03\x04"
@@ -127,7 +128,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
         raise FileError(
-            where, "is a workbook, and openpyxl is not installed", "pip install 'rig[xlsx]', or save the sheet as CSV"
+            where, "is a workbook, and openpyxl is not installed", f"{to_install('openpyxl')}, or save the sheet as CSV"
         ) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from analysis.files.existing import refuse_existing, refuse_foreign
 from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
-from rigs.text import plain_lines, to_install
+from rigs.text import plain_lines
 
 if TYPE_CHECKING:
     import pyarrow as pa

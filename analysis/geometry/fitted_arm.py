@@ -2,7 +2,7 @@
 digit, what an instrument measured does not.
 
 Unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of its target; what
-the places do not tell apart stays as it was nominally, or moves least (Marquardt).
+the places do not distinguish stays as it was nominally, or moves least (Marquardt).
 """
 
 from __future__ import annotations

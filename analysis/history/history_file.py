@@ -10,13 +10,13 @@ import math
 import os
 import sqlite3
 from collections.abc import Iterable
-from contextlib import closing, suppress
+from contextlib import closing
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 
 from analysis.history.records import Record
 from analysis.measures.quantity import Quantity
+from rigs.distribution import version
 
 FILE = ".history.sqlite"
 """Hidden, so that `runs/*` in a shell is runs only."""
@@ -117,9 +117,7 @@ def _version(file: sqlite3.Connection) -> int:
 
 def made_by() -> str:
     """The version of rig, whose figures may differ from those of another."""
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version("rig")
-    return "not installed"
+    return version()
 
 
 def _insert(file: sqlite3.Connection, record: Record) -> None:

@@ -131,7 +131,7 @@ def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
 
 def _is_worth_a_hand(found: Diagnosis, part: BudgetPart, one: Named) -> bool:
     """Return whether something of usual size is done by hand: what is sure and makes much of the error is entered or
-    mastered anew; repaired where few arms show as much of it, or where the arm fails its limits."""
+    re-mastered; repaired where few arms show as much of it, or where the arm fails its limits."""
     if not is_sure(found, part) or part.share <= LARGE_SHARE:
         return False
     rare = (part.times_usual or 0.0) >= _RARE or found.accuracy.standing in ("watch", "fail")
@@ -199,7 +199,7 @@ def _model(found: Diagnosis) -> str:
 
 
 def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> list[Act]:
-    """Return what is to be measured: what tells rivals apart, names a group, decides, or judges elsewhere."""
+    """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
     acts = []
     if found.condition == "undecided":
         parts = tuple(k for k, one in enumerate(found.budget) if one.rank == "undecided" and one.index is not None)

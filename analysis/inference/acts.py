@@ -14,7 +14,7 @@ from rigs.schema.effect import label_of
 
 ActKind = Literal["repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "none"]
 """What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries;
-approach targets from one side; measure what decides; mount ball, gauges or base anew; wait until the arm is warm;
+approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
 convert readings that were taken in another way; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
@@ -32,7 +32,7 @@ Reason = Literal[
     "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
 ]  # fmt: skip
 """Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else
-takes away; such an error, where its correction for today is not enough; that correction; rivals are to be told apart; a
+takes away; such an error, where its correction for today is not enough; that correction; rivals are to be separated; a
 group is to be named; the runs are too few; an unknown cause; the tests do not show it; how accurate the arm is
 elsewhere is not known; joints were read too early. And why there is none: it differs from run to run; what a correction
 gains is too small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
@@ -50,7 +50,7 @@ class Against:
 
 @dataclass(frozen=True)
 class Cost:
-    """What an act takes: `minutes` of driving, None where nobody knows (a repair); programs to drive or to load, and
+    """What an act takes: `minutes` of driving, None where it is not known (a repair); programs to drive or to load, and
     set-ups of ball and gauges."""
 
     minutes: float | None = None
@@ -61,7 +61,7 @@ class Cost:
 @dataclass(frozen=True)
 class NamingTest:
     """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are
-    expected after it, and the causes that it tells apart."""
+    expected after it, and the causes that it distinguishes."""
 
     test: str
     why: str

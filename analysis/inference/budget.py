@@ -31,6 +31,7 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 _CANCELS = 0.005
 """Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
 _MOST_MEMBERS = 3
+"""Members of a group that are listed, chosen: what a person compares at a glance. Their odds are those among all."""
 _DOUBTED_SIGMA = 2.0
 """Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
 _NO_FREEDOM = 1e-14

@@ -1,6 +1,6 @@
 """The test that would name a part of the error: which, how many minutes it takes, and how sure it makes.
 
-Of an effect with a rival it is the test that tells both apart; of a group the one by which its likeliest member is
+Of an effect with a rival it is the test that distinguishes both; of a group the one by which its likeliest member is
 known best, beside everything else that may be present. Runs of another place that only judged may do it without
 driving.
 """
@@ -40,8 +40,8 @@ class NamingTests:
     possible: Sequence[PossibleTest]
 
     def for_rivals(self, one: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
-        """Return the test that tells an effect from its rival, the cheapest of those that do it for certain; None where
-        none does."""
+        """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
+        where none does."""
         pairs = ((one, rival), (rival, one))
         sigmas = [
             min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)

@@ -77,7 +77,7 @@ class BudgetPart:
     index: int | None = None
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
-    """Of a group that makes more than a third of the gap: what it may be, the likeliest first."""
+    """What a group that makes more than a third of the gap may be, the likeliest first."""
     cancelled: tuple[str, ...] = ()
     """The labels of what cancels some of it, which is counted with it."""
 

@@ -68,7 +68,7 @@ class SelectionState:
 
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that are larger than healthy arms, or arms of this level, show: beside them a search
-        computes everything else anew, and it asks for their rivals. Whether one is a fault is not asked here."""
+        computes everything else again, and it asks for their rivals. Whether one is a fault is not asked here."""
         return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PlaceTable, TouchTable, test_of
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
@@ -349,7 +349,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         format=1,
         rig=rig.name,
         date=dt.datetime.now(dt.UTC).date(),
-        version=version("rig"),
+        version=version(),
         runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,

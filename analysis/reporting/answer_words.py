@@ -70,7 +70,7 @@ class AnswerWords:
     @property
     def headline(self) -> str:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
-        is open, and then what these runs do not tell."""
+        is open, and then what these runs do not show."""
         found = self.found
         faults, large = self._faults(), self._large()
         share = sum(part.share for one in found.standing if (part := part_of(found, one)))
@@ -143,7 +143,7 @@ class AnswerWords:
         return self.texts("joint_of", axis=axis, name=self.found.rig.robot.axes[axis - 1].name)
 
     def _condition(self) -> str:
-        """What these runs do not tell, or that nothing was found; empty where faults say it all."""
+        """What these runs do not show, or that nothing was found; empty where faults say it all."""
         found, texts = self.found, self.texts
         left = {"um": micrometres(found.remainder.um), "share": percent(found.remainder.share)}
         if found.condition in ("named", "ambiguous"):

@@ -85,7 +85,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 
 
 def _next_test(found: Diagnosis) -> str:
-    """The test that would tell rivals apart, or name a group, as `rig plan` calls it; empty where none is to be
+    """The test that would separate rivals, or name a group, as `rig plan` calls it; empty where none is to be
     driven."""
     from analysis.inference.naming_tests import JOINED  # noqa: PLC0415 - slow to import
 

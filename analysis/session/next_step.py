@@ -123,6 +123,6 @@ _WHY_NOTHING = {
     "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
     "corrects by it all the same.",
 }
-"""By the ground on which nothing is corrected (`rigs.calibration.ground_of`)."""
+"""The advice for each ground on which nothing is corrected (`rigs.calibration.ground_of`)."""
 _REPEATS = 2
 """Runs of a circle in each direction, at least, before its scatter is measured."""

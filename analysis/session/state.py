@@ -158,7 +158,7 @@ class Answer(Part):
     before_there_um: NotNegative = 0.0
     """What was there without the model where calibrated_um was left with it."""
     level: float = 1.0
-    """Of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
+    """Multiple of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
     noise_um: NotNegative
     seconds: NotNegative
     found: str

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -38,6 +38,7 @@ from analysis.window.table_file import WRITERS
 from analysis.window.texts import NAMES, language_of, texts_of
 from analysis.window.watcher import Watcher
 from daq.service.trust import tcp_user
+from rigs.distribution import version
 from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import MAKERS
 
@@ -132,7 +133,7 @@ class _Pages:
         self._templates = environment()
         self._templates.filters["written"] = _written
         self._templates.filters["address"] = lambda name: quote(name, safe="")
-        self._asset = metadata.version("rig")
+        self._asset = version()
         self._wrong_token = asyncio.Lock()
 
     # ------------------------------------------------------------------------------------------------------------------

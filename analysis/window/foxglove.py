@@ -25,9 +25,9 @@ from analysis.geometry.ball_link import angle
 from analysis.live.view import LiveView
 from analysis.window.foxglove_door import Door, hidden_address
 from analysis.window.guard import Gate
+from rigs.distribution import to_install
 from rigs.errors import CellError
 from rigs.rig import Rig
-from rigs.text import to_install
 
 _GAUGES = {
     "type": "object",

@@ -1,4 +1,4 @@
-"""The door before Foxglove's server, which lets in every program that asks: the window's gate looks at each connection first.
+"""The door before Foxglove's server, which itself lets in every program: the window's gate looks at each request first.
 
 A browser sends the origin of the page that opens a WebSocket, and no page may read the cell but Foxglove's own and
 those of the names of the window. Where the window needs a token, it stands in the address: `ws://127.0.0.1:8765/?token=…`,

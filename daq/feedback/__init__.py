@@ -12,10 +12,10 @@ from importlib import import_module
 from typing import Any
 
 from daq.protocol.conversation import Device, Host
+from rigs.distribution import to_install
 from rigs.errors import CellError
 from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
-from rigs.text import to_install
 
 Read = Callable[[int], Sequence[float]]
 

@@ -20,6 +20,7 @@ from daq.service import journal
 from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
 from daq.store.records import Ending
+from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import find, is_shipped, load
 from rigs.signals import ignore_interrupts
@@ -47,9 +48,7 @@ def main() -> None:
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib import metadata  # noqa: PLC0415
-
-        typer.echo(f"rigd {metadata.version('rig')}")
+        typer.echo(f"rigd {version()}")
         raise typer.Exit
 
 

@@ -71,7 +71,7 @@ class SimulatedClock:
 
     @contextmanager
     def running(self) -> Iterator[SimulatedClock]:
-        """Take the place of the host's clock; what runs at the end is killed. An error tells the seed."""
+        """Take the place of the host's clock; what runs at the end is killed. An error names the seed."""
         main = threading.current_thread()
         self._tasks[main] = self._driver = self._running = _Task(main, "")
         try:

@@ -12,7 +12,6 @@ import platform
 import socket
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -40,6 +39,7 @@ from daq.store.records import (
     to_recover,
 )
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
+from rigs.distribution import version
 from rigs.errors import FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
 from rigs.schema.part import Length
@@ -55,10 +55,7 @@ _LONGEST_OPERATOR = 200
 """Characters; names of people and shifts fit, a page that was pasted does not."""
 _MOST_BYTES = 100_000_000
 """The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
-try:
-    _RIG_VERSION = metadata.version("rig")  # now, since it opens files: a recording may begin when none can be opened
-except metadata.PackageNotFoundError:
-    _RIG_VERSION = "not installed"
+_RIG_VERSION = version()  # now, since it opens files: a recording may begin when none can be opened
 
 
 class _OperatorError(ValueError):

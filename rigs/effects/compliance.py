@@ -75,7 +75,7 @@ class Compliance(Effect):
         return 5e-5 if self.axis <= 3 else 3e-4
 
     def usual_times(self, build: Build) -> float:
-        """By the build of the arm: joints of light arms are ten times as soft as those of machines."""
+        """Return it for the build of the arm: joints of light arms are ten times as soft as those of machines."""
         return max(_SOFT_DEG_PER_NM[build][self.axis > 3] / self.healthy, 1.0)
 
     @property

@@ -38,7 +38,7 @@ _PART_OF: dict[Stage, PartKind] = {
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
 """What a hand does about an effect: repair a part of the arm, re-master a joint, enter a number, mount ball or gauges
-anew, or wait until it is warm."""
+again, or wait until it is warm."""
 PHASE = "phase_deg"
 """Parameter that makes an effect a wave."""
 _OF_A_WAVE = 0.1

@@ -10,9 +10,9 @@ from types import ModuleType
 
 from analysis.files.existing import refuse_foreign
 from daq.store import durable
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 
-_INSTALL = "pip install 'rig[pdf]'"
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"
 _STYLE = """
 .pictures, .both, dl { display: block !important; }
@@ -54,7 +54,9 @@ def _weasyprint(file: Path) -> ModuleType:
     try:
         import weasyprint  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
-        raise CellError(str(file), f"needs {error.name}, which is missing", f"{_INSTALL}, {browser}") from None
+        raise CellError(
+            str(file), f"needs {error.name}, which is missing", f"{to_install('weasyprint')}, {browser}"
+        ) from None
     except OSError:  # its library for text is no Python package
         raise CellError(str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}") from None
     module: ModuleType = weasyprint

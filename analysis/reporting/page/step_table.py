@@ -22,7 +22,7 @@ class StepRow:
 
 @dataclass(frozen=True)
 class StepTable:
-    """The rows, and the headings of the places that they tell of."""
+    """The rows, and the headings of the places of their figures."""
 
     places: tuple[str, ...]
     rows: tuple[StepRow, ...]

@@ -13,7 +13,7 @@ import gzip
 import hashlib
 import json
 from collections.abc import Sequence
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
 from analysis.reporting.texts import Language, Texts, texts_of
+from rigs.distribution import version
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
@@ -84,7 +85,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         instruments=instruments_of(report.rig),
         diagnosis_words=diagnosis_words(report.found) if report.found else "",
         simulated_only=all(result.measured.is_simulated for result in report.results),
-        version=_version(),
+        version=version(),
         written=dt.datetime.now(dt.UTC),
         style=_template("report.css"),
         **_scripts(pictures),
@@ -144,10 +145,3 @@ def _template(name: str) -> Markup:
     """A file of the page's own style or script, which goes into the page as it is."""
     text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
     return Markup(text)  # noqa: S704 - a file of this package
-
-
-def _version() -> str:
-    try:
-        return metadata.version("rig")
-    except metadata.PackageNotFoundError:
-        return ""

@@ -144,7 +144,7 @@ class Robot:
     ) -> None:
         """Drive the flange to F (4, 4), nearest to where the arm stands, or to the one solution that is `chosen`; on a
         straight line the arm keeps its posture."""
-        q = self._along(F) if straight and chosen is None else self.solve(F, self.q, chosen)
+        q = self._line(F) if straight and chosen is None else self.solve(F, self.q, chosen)
         if q is None:
             raise Ended
         self.q = q
@@ -176,6 +176,13 @@ class Robot:
                 ways.append(other)
         ways = [way for way in ways if self.here.allows(way) and (chosen is None or chosen(way))]
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
+
+    def _line(self, F: Array) -> Array | None:
+        """Return what `_along` returns, once for each line."""
+        key = (self.dialect, F.tobytes(), self.q.tobytes(), "line")
+        if key not in self._cache:
+            self._cache[key] = self._along(F)
+        return self._cache[key]
 
     def _along(self, F: Array) -> Array | None:
         """Return joint angles (6,) rad at the end of a line, followed from where the arm stands."""

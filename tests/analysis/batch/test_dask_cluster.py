@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -13,6 +14,7 @@ import pytest
 
 from analysis.batch.each import each
 from analysis.batch.outcomes import Done
+from rigs.distribution import to_install
 from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until
 from tests.support.dask_cluster import Cluster, cluster
@@ -82,5 +84,5 @@ def test_no_scheduler_is_one_line(address: str) -> None:
 
 def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(FileError, match="pip install distributed"):
+    with pytest.raises(FileError, match=re.escape(to_install("distributed"))):
         list(each(os.path.exists, ["."], scheduler="tcp://127.0.0.1:8786"))

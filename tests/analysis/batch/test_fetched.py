@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import sys
@@ -18,6 +19,7 @@ from analysis.batch.fetched import fetched
 from analysis.batch.outcomes import Done, Failed
 from analysis.batch.remote_path import RemotePath, location
 from analysis.batch.remote_store import StoreLost, explained
+from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
@@ -143,13 +145,16 @@ def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
 @pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])
 def test_a_package_that_is_missing_is_named(url: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, what, None)
-    with pytest.raises(FileError, match=f"not installed: .*{what}.*pip install {what}"), fetched(location(url)):
+    with (
+        pytest.raises(FileError, match=f"not installed: .*{what}.*{re.escape(to_install(what))}"),
+        fetched(location(url)),
+    ):
         pass
 
 
 def test_without_fsspec_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(FileError, match="pip install s3fs"), fetched(location("s3://b/x")):
+    with pytest.raises(FileError, match=re.escape(to_install("s3fs"))), fetched(location("s3://b/x")):
         pass
 
 

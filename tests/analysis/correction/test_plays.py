@@ -1,32 +1,50 @@
-"""Which plays a corrected program makes up for: those that are certain, whether a file names them or not."""
+"""Which plays are corrected in a program: those of a rig file and of its calibration that are certain, usual or not."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.correction.plays import known_plays
-from analysis.reporting.extended_rig import write_extended
-from rigs.calibration import CalibratedModel, Parameter, Term, packed_factor
-from rigs.effects import Backlash
+from analysis.correction.plays import ahead_of_plays, known_plays
+from analysis.robot_programs.compensated import targets_of
+from analysis.robot_programs.planned import plans_of
+from rigs.calibration import TIMES, Parameter, Term, packed_factor
+from rigs.effects import Backlash, Effect
 from rigs.load import load
-from tests.support.handmade_calibration import calibrated_model
+from rigs.rig import Rig
+from tests.support.handmade_calibration import NAMED, calibrated_model
 
-PLAY = Backlash(axis=1, width_deg=0.02)
+U_DEG = 0.001
+USUAL = Backlash(axis=5, width_deg=0.004)
+"""Certain, 4 u, and no wider than the gears of a sound arm are."""
+UNSURE = Backlash(axis=2, width_deg=0.0015)
+SMALL = Backlash(axis=4, width_deg=0.01)
+"""One of the many small terms, of which a calibration knows how many times of it the arm shows, and no width."""
 
 
-@pytest.mark.parametrize(("u_deg", "certain"), [(0.005, True), (0.015, False), (0.05, False)])
-def test_a_play_of_usual_size_is_corrected_where_it_is_twice_its_uncertainty(
-    u_deg: float, *, certain: bool, tmp_path: Path
-) -> None:
-    """Both are degrees: a play of two healthy sizes with five of u is as good as none."""
-    changed = {
-        "terms": [Term(effect=PLAY, times=1.0)],
-        "parameters": [Parameter(term=0, field="width_deg")],
-        "factor": packed_factor(np.array([[u_deg]])),
-    }
-    model = CalibratedModel.model_validate(calibrated_model().model_dump() | changed)
-    write_extended(load("paper-fanuc")[1], (), tmp_path / "cell.yaml", model)
-    assert known_plays(load(tmp_path / "cell.yaml")[0]) == ((PLAY,) if certain else ())
+def calibrated(*plays: Effect) -> Rig:
+    """A rig file that names `NAMED`, and beside it a calibration of other plays with widths and of a small one."""
+    terms = (
+        Term(effect=NAMED, times=1.0, named=True),
+        *(Term(effect=play, times=1.0) for play in plays),
+        Term(effect=SMALL, times=1.0),
+    )
+    fields = ["width_deg"] * (len(terms) - 1) + [TIMES]
+    parameters = tuple(Parameter(term=k, field=name) for k, name in enumerate(fields))
+    model = calibrated_model(terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters))))
+    rig, _ = load("paper-fanuc")
+    return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)
+
+
+def test_a_play_that_is_certain_but_usual_is_taken_from_the_calibration() -> None:
+    assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL), "the named play once, though both files have it"
+
+
+def test_its_joint_is_commanded_further_by_half_its_width() -> None:
+    rig = calibrated(USUAL)
+    plan = plans_of(rig, "yaw", 1.0)[0]
+    assert len(ahead_of_plays(rig, plan)) == len(targets_of(plan))
+    ahead_deg = np.degrees(ahead_of_plays(rig, plan))
+    assert np.abs(ahead_deg[:, 4]).max() == pytest.approx(USUAL.width_deg / 2, rel=1e-6)
+    assert not ahead_deg[:, [1, 3]].any(), "the joints of which no play is known stay"
+    assert not ahead_of_plays(calibrated(), plan)[:, 4].any()

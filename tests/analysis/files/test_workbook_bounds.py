@@ -34,7 +34,7 @@ def _workbook(dimension: str, rows: str) -> bytes:
 def test_a_workbook_of_too_many_cells_is_refused_while_it_is_read(
     monkeypatch: pytest.MonkeyPatch, dimension: str, rows: str
 ) -> None:
-    monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)
+    monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
     with pytest.raises(FileError, match="book: has more than 3000 cells, in the sheet 'Sheet' at the latest"):
         sheets_of(_workbook(dimension, rows), "book")
 
@@ -44,6 +44,6 @@ def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has() -> No
 
 
 def test_what_unpacks_to_too_much_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)
+    monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
     with pytest.raises(FileError, match="unpacks to more than"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

@@ -144,6 +144,7 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
         return condition_of(None, names, None, Gaps(found.train, None, None), is_material=False, early=False)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
+        # private: the names are judged without runs
         patch.setattr("analysis.inference.verdict._is_testable", lambda *_, **__: True)
         assert condition(sure, sure, small) == "named"
         assert condition(replace(small, worth_um=9000.0), sure) == "ambiguous"

@@ -16,6 +16,7 @@ from analysis.measures.evaluate import evaluate
 from analysis.measures.joint_reversals import apart, beside, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import reduced
+from analysis.reporting.run_words import figure_in_words
 from analysis.simulation.simulate import simulate
 from analysis.traces.laps import Laps, laps_of
 from analysis.traces.tables import CircleTable
@@ -94,6 +95,20 @@ def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> Non
     assert figures["hysteresis_mean_mm"].value == pytest.approx(-0.004, abs=2e-4)
     with pytest.raises(FileError, match="give an acw run and a cw run"):
         direction_pair.pair(other, one)
+
+
+def test_the_largest_hysteresis_is_never_below_its_mean_and_is_u_where_it_is_noise() -> None:
+    """The noise adds to a maximum and is taken off it again: off a curve that is all noise, more than there is."""
+    rng, clean = np.random.default_rng(0), _ball("yaw", (0.3, 0.2, 0.0))
+    back = np.roll(clean[::-1], 1, axis=0)
+    acw = yaw.evaluate(_lap(clean + rng.normal(0, 2e-3, clean.shape)), 50.0, 0.02, 1e-6)
+    cw = yaw.evaluate(_lap(back + 0.001 + rng.normal(0, 2e-3, clean.shape), direction="cw"), 50.0, 0.02, 1e-6)
+    figures = direction_pair.pair(acw, cw).figures
+    for unit in ("deg", "mm"):
+        H, mean = figures[f"hysteresis_max_{unit}"], figures[f"hysteresis_mean_{unit}"]
+        assert 0 < abs(mean.value) <= H.value < H.u
+        assert figure_in_words(f"hysteresis_max_{unit}", H) == f"≤ {H.rounded_u} {H.sign}"
+        assert "±" in figure_in_words(f"hysteresis_mean_{unit}", mean), "a mean has its sign and its u"
 
 
 def test_the_less_certain_time_of_a_pair_counts_whichever_run_has_it() -> None:

@@ -12,30 +12,30 @@ import pytest
 from analysis.kinematics.arm import arm_of
 from analysis.robot_programs.posture import posture_of
 from rigs.rig import Rig
-from tests.analysis.correction.programs.test_safe_programs import Left, _corrected, _filled, _left
+from tests.analysis.correction.programs.test_safe_programs import Left, corrected_files, uncorrected, with_targets
 from tests.analysis.correction.programs.test_user_programs import (
     ABB,
     ABB_TOOL,
     FANUC,
     YASKAWA,
-    _fanuc_joints,
-    _fanuc_point,
-    _fanuc_pose,
-    _quaternion,
-    _robtarget,
-    _yaskawa_pose,
+    fanuc_joints,
+    fanuc_point,
+    fanuc_pose,
+    quaternion,
+    robtarget_of,
+    yaskawa_pose,
 )
 from tests.support.interpreters.arms import rig_of
 
 
 def _abb(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     rig = rig_of("abb-irb-120")
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
 
     def joints(k: int) -> str:
         return f"[[{','.join(map(str, ABB[k]))}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 
-    filled = _filled(files, lambda k: _robtarget(rig, ABB[k], np.eye(4)), joints, len(ABB))
+    filled = with_targets(files, lambda k: robtarget_of(rig, ABB[k], np.eye(4)), joints, len(ABB))
     return rig, {name: text.replace("{t}", tool) for name, text in filled.items()}
 
 
@@ -131,6 +131,15 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         ),
         [(3, "changed")],
     ),
+    "numbers handed to a routine of a module beside": (
+        {
+            **_module(J0 + "PathDown {p1};\nok:=at({p2}\\x);\n"),
+            "b.mod": "MODULE b\nPROC PathDown(robtarget goal)\nMoveL goal,v9,fine,t;\nENDPROC\n"
+            "FUNC bool at(robtarget goal\\num x)\nMoveL goal,v9,fine,t;\nENDFUNC\nENDMODULE\n",
+        },
+        [(6, "handed"), (7, "handed")],
+    ),
+    "numbers handed to functions that compute": (_module(J0 + "n:=Distance([1,2,3],[4,5,6]);\n" + L1), []),
     "a point with an offset that is computed": (
         _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
         [(3, "offset"), (6, "offset")],
@@ -151,18 +160,18 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
 def test_abb(row: str, tmp_path: Path) -> None:
     files, left = ABB_ROWS[row]
     rig, files = _abb(files)
-    assert _left(_corrected(rig, tmp_path, files)) == left
+    assert uncorrected(corrected_files(rig, tmp_path, files)) == left
 
 
 def _fanuc(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     """Listings with the points P[1] in joint angles, and P[2] and P[3] in frame 3, P[4] in frame 0, all in tool 1."""
     rig = rig_of("fanuc-m-10ia")
-    frame = _fanuc_pose(rig, FANUC[1], np.eye(4))
+    frame = fanuc_pose(rig, FANUC[1], np.eye(4))
     points = [
-        _fanuc_point(1, _fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
-        _fanuc_point(2, frame, "UF : 3, UT : 1,"),
-        _fanuc_point(3, _fanuc_pose(rig, (18, 14, -26, 5, -60, 35), np.eye(4)), "UF : 3, UT : 1,"),
-        _fanuc_point(4, frame, "UF : 0, UT : 1,"),
+        fanuc_point(1, fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
+        fanuc_point(2, frame, "UF : 3, UT : 1,"),
+        fanuc_point(3, fanuc_pose(rig, (18, 14, -26, 5, -60, 35), np.eye(4)), "UF : 3, UT : 1,"),
+        fanuc_point(4, frame, "UF : 0, UT : 1,"),
     ]
     first = next(iter(files))
     end = "/POS\n" + "\n".join(points).replace("\r", "") + "\n/END\n"
@@ -258,7 +267,7 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
 def test_fanuc(row: str, tmp_path: Path) -> None:
     files, left = FANUC_ROWS[row]
     rig, files = _fanuc(files)
-    found = _corrected(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
+    found = corrected_files(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
     assert [(one.name, one.reason) for one in found.left if one.reason != "unused"] == left
     assert len(found.names) + len(found.left) == 4 + sum(one.name == "computed" for one in found.left)
 
@@ -268,7 +277,7 @@ def _yaskawa(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     rig = rig_of("yaskawa-gp7")
     stands = posture_of(arm_of(rig.robot), np.radians(YASKAWA[0]))
     form = f"{int(not stands.flip)},{int(not stands.up)},{int(not stands.front)},0,0,0"
-    poses = [_yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)]
+    poses = [yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)]
     pos = (
         f"//POS\n///NPOS 3,0,0,0,0,0\n///TOOL 3\n///POSTYPE USER\n///USER 4\n///RECTAN\n///RCONF {form}\n"
         f"C00001={poses[0]}\nC00002={poses[1]}\n///POSTYPE BASE\n///RECTAN\n///RCONF {form}\nC00003={poses[0]}\n"
@@ -333,13 +342,13 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
 def test_yaskawa(row: str, ends: str, tmp_path: Path) -> None:
     files, left = YASKAWA_ROWS[row]
     rig, files = _yaskawa(files)
-    found = _corrected(rig, tmp_path, files, ["3=0,0,150,0,0,0"], ["4=0"], ends=ends)
-    assert _left(found) == left
+    found = corrected_files(rig, tmp_path, files, ["3=0,0,150,0,0,0"], ["4=0"], ends=ends)
+    assert uncorrected(found) == left
     assert len(found.names) == 3 * files["a.jbi"].count("///NPOS") - len(found.left)
 
 
 def test_a_point_that_is_used_with_an_offset_alone_is_corrected_with_it(tmp_path: Path) -> None:
     module = "MODULE M\nCONST robtarget p10:={p1};\n{t}\nPROC main()\nMoveJ Offs(p10,0,0,50),v9,fine,t;\nENDPROC\n"
     rig, files = _abb({"b.mod": f"{module}ENDMODULE\n"})
-    found = _corrected(rig, tmp_path, files)
+    found = corrected_files(rig, tmp_path, files)
     assert found.names == ("p10",) and not found.left and found.moved_mm[0] > 0.1

@@ -23,8 +23,8 @@ from tests.analysis.correction.programs.test_user_programs import (
     KUKA,
     UR,
     UR_TOOL,
-    _kuka_pose,
-    _ur_pose,
+    kuka_pose,
+    ur_pose,
 )
 from tests.support.faulty_arm import flange_at, known
 from tests.support.interpreters.arms import rig_of
@@ -32,7 +32,7 @@ from tests.support.interpreters.arms import rig_of
 Left = list[tuple[int, str]]
 
 
-def _corrected(
+def corrected_files(
     rig: Rig,
     directory: Path,
     files: dict[str, str],
@@ -50,12 +50,12 @@ def _corrected(
     )
 
 
-def _left(found: CorrectedProgram) -> Left:
+def uncorrected(found: CorrectedProgram) -> Left:
     """What was left, but for points that nothing uses."""
     return [(one.line, one.reason) for one in found.left if one.reason != "unused"]
 
 
-def _filled(
+def with_targets(
     files: dict[str, str], pose: Callable[[int], str], joints: Callable[[int], str], count: int
 ) -> dict[str, str]:
     """Files with {pN} and {qN} in place of numbers."""
@@ -74,6 +74,9 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
         "def {name}():\nmovej({q4})\nend\n" + TCP + "movej({q0})\n{name}()\nmovel({p2})\n", []
     ),
     "one whose text is not here": (TCP + "movej({q0})\nget_part()\nmovel({p1})\n", [(4, "not_understood")]),
+    "numbers handed to one whose text is not here": (
+        TCP + "movej({q0})\nplace_at({p1}, 3)\n", [(3, "handed")]
+    ),
     "one that sets another tool": (
         "def set_down():\n" + OTHER + "end\n" + TCP + "movej({q0})\nset_down()\nmovel({p1})\n", []
     ),
@@ -157,16 +160,16 @@ def _ur(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
         return "[" + ", ".join(repr(float(np.radians(angle))) for angle in angles[k]) + "]"
 
     def pose(k: int) -> str:
-        return f"p[{_ur_pose(flange_at(rig, np.radians(angles[k])) @ UR_TOOL)}]"
+        return f"p[{ur_pose(flange_at(rig, np.radians(angles[k])) @ UR_TOOL)}]"
 
-    return rig, _filled(files, pose, joints, len(angles))
+    return rig, with_targets(files, pose, joints, len(angles))
 
 
 @pytest.mark.parametrize("row", UR_ROWS)
 def test_urscript(row: str, tmp_path: Path) -> None:
     text, left = UR_ROWS[row]
     rig, files = _ur({"a.script": text.replace("{name}", "pose_of_part")})
-    assert _left(_corrected(rig, tmp_path, files)) == left
+    assert uncorrected(corrected_files(rig, tmp_path, files)) == left
 
 
 @pytest.mark.parametrize(
@@ -176,19 +179,18 @@ def test_urscript(row: str, tmp_path: Path) -> None:
 def test_urscript_calls_are_calls_whatever_they_are_called(name: str, tmp_path: Path) -> None:
     """After a routine that turns the wrist over, a line goes on in that posture, and without its text in none."""
     rig, files = _ur({"a.script": f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"})
-    whole = _corrected(rig, tmp_path, files)
+    whole = corrected_files(rig, tmp_path, files)
     assert not whole.left and len(whole.names) == 3
     rig, files = _ur({"b.script": f"{TCP}movej({{q7}})\nmovel({{p1}})\n"})
-    assert (
-        whole.files["a.script"].splitlines()[-1] == _corrected(rig, tmp_path, files).files["b.script"].splitlines()[-1]
-    )
+    jumped = corrected_files(rig, tmp_path, files)
+    assert whole.files["a.script"].splitlines()[-1] == jumped.files["b.script"].splitlines()[-1]
 
 
 def test_a_stated_tool_that_the_program_sets_otherwise_is_said(tmp_path: Path) -> None:
     rig, files = _ur({"a.script": "movej({q0})\nmovel({p1})\n" + OTHER + "movel({p2})\n"})
-    found = _corrected(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
+    found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 3)]
-    same = _corrected(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"])
+    same = corrected_files(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"])
     assert not same.overruled
 
 
@@ -198,7 +200,7 @@ def _kuka(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     def joints(k: int) -> str:
         return "{" + ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(KUKA[k], start=1)) + "}"
 
-    return rig, _filled(files, lambda k: "{" + _kuka_pose(rig, KUKA[k]) + "}", joints, len(KUKA))
+    return rig, with_targets(files, lambda k: "{" + kuka_pose(rig, KUKA[k]) + "}", joints, len(KUKA))
 
 
 HEAD = "DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\n"
@@ -295,6 +297,17 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "a routine that is called in two bases": (
         {"a.src": HEAD + "go()\n$BASE=BASE_DATA[3]\ngo()\nEND\nDEF go()\nPTP {p1}\nEND\n"}, [(9, "several_frames")]
     ),
+    "numbers handed to a routine beside": (
+        {
+            "a.src": HEAD + "PTP {q0}\nthere({p1},n)\nok=at(1,{q2})\nEND\n",
+            "there.src": "DEF there(goal:IN,n:IN)\nLIN goal\nEND\n",
+            "at.src": "DEFFCT BOOL at(n:IN,goal:IN)\nPTP goal\nRETURN TRUE\nENDFCT\n",
+        },
+        [(5, "handed"), (6, "handed")],
+    ),
+    "an arc of some degrees": (
+        {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "computed"), (5, "computed")]
+    ),
     "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (
         {
@@ -323,14 +336,14 @@ def test_kuka(row: str, tmp_path: Path) -> None:
         files = {"a.src": files["a.src"].replace(f"S {status},T {turn}", bits)}
     if row == "typed aggregates":
         files = {name: text.replace(": {", ": ").replace("}}", "}") for name, text in files.items()}
-    assert _left(_corrected(rig, tmp_path, files, *KUKA_STATED)) == left
+    assert uncorrected(corrected_files(rig, tmp_path, files, *KUKA_STATED)) == left
 
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
 def test_lines_end_as_they_end(ends: str, tmp_path: Path) -> None:
     rig, files = _kuka({"a.src": HEAD + "PTP {q0}\nLIN {p1}\n$BASE.X=1\nPTP {p2}\nEND\n"})
-    found = _corrected(rig, tmp_path, files, *KUKA_STATED, ends=ends)
-    assert _left(found) == [(7, "unknown_frame")] and len(found.names) == 2
+    found = corrected_files(rig, tmp_path, files, *KUKA_STATED, ends=ends)
+    assert uncorrected(found) == [(7, "unknown_frame")] and len(found.names) == 2
     data = found.files["a.src"].decode()
     assert data.count(ends) == files["a.src"].count("\n") and [place[1] for place in found.places] == [4, 5]
     assert data.split(ends)[6] == files["a.src"].split("\n")[6]
@@ -338,8 +351,8 @@ def test_lines_end_as_they_end(ends: str, tmp_path: Path) -> None:
 
 def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_nothing(tmp_path: Path) -> None:
     rig, files = _ur({"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"})
-    found = _corrected(rig, tmp_path, files)
-    assert _left(found) == [(6, "unknown_tool")] and not found.held
+    found = corrected_files(rig, tmp_path, files)
+    assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])
     first, second, *_ = program_report.lines(found)
     assert first.endswith("3 targets corrected, 1 places left as they were, 1 step from one to the other")

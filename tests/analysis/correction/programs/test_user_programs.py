@@ -105,7 +105,7 @@ pick_and_place()
 """
 
 
-def _ur_pose(T: Array) -> str:
+def ur_pose(T: Array) -> str:
     """As PolyScope writes it: twelve decimals, and no zero before the point."""
     values = [*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
     return ", ".join(re.sub(r"^(-?)0\.", r"\1.", f"{value:.12f}") for value in values)
@@ -119,7 +119,7 @@ def _from_ur(line: str, tool: Array) -> Array:
 def test_urscript(tmp_path: Path) -> None:
     rig = rig_of("ur10e")
     T = [flange_at(rig, np.radians(q)) @ UR_TOOL for q in UR]
-    poses = {f"p{k}": _ur_pose(one) for k, one in enumerate(T)}
+    poses = {f"p{k}": ur_pose(one) for k, one in enumerate(T)}
     joints = {f"q{k}": ", ".join(repr(float(np.radians(angle))) for angle in q) for k, q in enumerate(UR)}
     path = tmp_path / "pick.script"
     path.write_bytes(UR_PROGRAM.format(**poses, **joints).encode("latin-1"))
@@ -141,7 +141,7 @@ def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path: Path)
     rig, path = rig_of("ur10e"), tmp_path / "a.urscript"
     q = ", ".join(str(float(np.radians(angle))) for angle in UR[0])
     T = flange_at(rig, np.radians(UR[1])) @ UR_TOOL
-    path.write_text(f"movej([{q}])\nmovel(p[{_ur_pose(T)}])\n")
+    path.write_text(f"movej([{q}])\nmovel(p[{ur_pose(T)}])\n")
     assert _why(_corrected(rig, path)) == [(2, "unknown_tool")]
     found = _corrected(rig, path, ["tcp=0,0,145,0,0,0"])
     assert len(found.names) == 2 and not found.left
@@ -185,12 +185,12 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
 """
 
 
-def _fanuc_point(number: int, inside: str, frames: str) -> str:
+def fanuc_point(number: int, inside: str, frames: str) -> str:
     name = ':"PICK"' if number == 2 else ""
     return f"P[{number}{name}]{{\r\n   GP1:\r\n\t{frames}{inside}\r\n}};"
 
 
-def _fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
+def fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
     q = np.radians(q_deg)
     T = np.linalg.inv(base) @ flange_at(rig, q) @ FANUC_TOOL
     stands, counts = posture_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
@@ -204,7 +204,7 @@ def _fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
     )
 
 
-def _fanuc_joints(q_deg: Sequence[float]) -> str:
+def fanuc_joints(q_deg: Sequence[float]) -> str:
     one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(q_deg, start=1)]
     return "\r\n\t" + ",\t".join(one[:3]) + ",\r\n\t" + ",\t".join(one[3:])
 
@@ -212,16 +212,16 @@ def _fanuc_joints(q_deg: Sequence[float]) -> str:
 def test_fanuc(tmp_path: Path) -> None:
     rig = rig_of("fanuc-m-10ia")
     base = np.eye(4)
-    poses = [_fanuc_pose(rig, q, base) for q in FANUC]
+    poses = [fanuc_pose(rig, q, base) for q in FANUC]
     points = [
-        _fanuc_point(1, _fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
-        _fanuc_point(2, poses[1], "UF : 0, UT : 1,"),
-        _fanuc_point(3, poses[2], "UF : 0, UT : 1,"),
-        _fanuc_point(4, _fanuc_pose(rig, FANUC[3], FANUC_USER), "UF : 3, UT : 1,"),
-        _fanuc_point(5, poses[1], "UF : 0, UT : 1,"),
-        _fanuc_point(6, _fanuc_joints(FANUC[0]) + ",\r\n\tE1=   100.000  mm", "UF : 0, UT : 1,\t"),
-        _fanuc_point(7, poses[1].replace("0, 0, 0'", "0, 0, 3'"), "UF : 0, UT : 1,"),
-        _fanuc_point(8, poses[1], "UF : 0, UT : 2,"),
+        fanuc_point(1, fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
+        fanuc_point(2, poses[1], "UF : 0, UT : 1,"),
+        fanuc_point(3, poses[2], "UF : 0, UT : 1,"),
+        fanuc_point(4, fanuc_pose(rig, FANUC[3], FANUC_USER), "UF : 3, UT : 1,"),
+        fanuc_point(5, poses[1], "UF : 0, UT : 1,"),
+        fanuc_point(6, fanuc_joints(FANUC[0]) + ",\r\n\tE1=   100.000  mm", "UF : 0, UT : 1,\t"),
+        fanuc_point(7, poses[1].replace("0, 0, 0'", "0, 0, 3'"), "UF : 0, UT : 1,"),
+        fanuc_point(8, poses[1], "UF : 0, UT : 2,"),
     ]
     path = tmp_path / "PICK_PART.LS"
     path.write_bytes(FANUC_PROGRAM.format(points="\r\n".join(points)).encode())
@@ -306,7 +306,7 @@ def _status_turn(rig: Rig, q_deg: Sequence[float]) -> tuple[int, int]:
     return status, sum(1 << axis for axis, angle in enumerate(q_deg) if angle < 0)
 
 
-def _kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
+def kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
     X = np.linalg.inv(KUKA_BASE) @ flange_at(rig, np.radians(q_deg)) @ KUKA_TOOL
     values = [*X[:3, 3], *Rotation.from_matrix(X[:3, :3]).as_euler("ZYX", degrees=True)]
     S, T = _status_turn(rig, q_deg)
@@ -318,7 +318,7 @@ def test_kuka(tmp_path: Path) -> None:
     rig = rig_of("kuka-kr-10-r1100-2")
     path, data_path = tmp_path / "Pick.src", tmp_path / "Pick.dat"
     path.write_bytes(KUKA_SOURCE.encode())
-    poses = [_kuka_pose(rig, q) for q in KUKA]
+    poses = [kuka_pose(rig, q) for q in KUKA]
     declared = [
         "&ACCESS RVP",
         "DEFDAT  PICK",
@@ -365,7 +365,7 @@ def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path)
     path, state = tmp_path / "a.src", ["1=0,50,200,0,20,10"]
     base = ["2=500,-100,30,0,0,45"]
     head = "DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\nPTP "
-    path.write_text(f"{head}{{{_kuka_pose(rig, KUKA[k])}}}\nEND\n")
+    path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k])}}}\nEND\n")
     found = _corrected(rig, path, state, base)
     assert not found.left
     line = _lines(found.files["a.src"])[3]
@@ -374,7 +374,7 @@ def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path)
     assert _left_mm(rig, told, KUKA[k], KUKA_TOOL) < 1e-3
     status = _status_turn(rig, KUKA[k])[0]
     for bit in (1, 2):
-        path.write_text(f"{head}{{{_kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n")
+        path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n")
         assert _why(_corrected(rig, path, state, base)) == [(4, "other_flags")]
 
 
@@ -385,7 +385,7 @@ def test_a_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path:
     for start, why in ((turned, ["two_postures"]), (KUKA[3], [])):
         axes = ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(start, start=1))
         lines = ["DEF a()", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[2]", f"PTP {{{axes}}}"]
-        path.write_text("\n".join([*lines, f"LIN {{{_kuka_pose(rig, KUKA[3])}}}", "END", ""]))
+        path.write_text("\n".join([*lines, f"LIN {{{kuka_pose(rig, KUKA[3])}}}", "END", ""]))
         found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
         assert [one.reason for one in found.left] == why
 
@@ -400,16 +400,16 @@ ABB = [
 ]
 
 
-def _quaternion(T: Array) -> str:
+def quaternion(T: Array) -> str:
     return ",".join(f"{value:.9g}" for value in Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
 
 
-def _robtarget(rig: Rig, q_deg: Sequence[float], base: Array, external: str = "9E+09") -> str:
+def robtarget_of(rig: Rig, q_deg: Sequence[float], base: Array, external: str = "9E+09") -> str:
     X = np.linalg.inv(base) @ flange_at(rig, np.radians(q_deg)) @ ABB_TOOL
     cf = [int(q_deg[axis] // 90) for axis in (0, 3, 5)]
     conf = ",".join(map(str, [*cf, int(q_deg[4] < 0)]))
     place = ",".join(f"{value:.6g}" for value in X[:3, 3])
-    return f"[[{place}],[{_quaternion(X)}],[{conf}],[{external},9E+09,9E+09,9E+09,9E+09,9E+09]]"
+    return f"[[{place}],[{quaternion(X)}],[{conf}],[{external},9E+09,9E+09,9E+09,9E+09,9E+09]]"
 
 
 ABB_PROGRAM = """\
@@ -450,12 +450,12 @@ ENDMODULE\r
 def test_abb(tmp_path: Path) -> None:
     rig, path = rig_of("abb-irb-120"), tmp_path / "MainModule.mod"
     text = ABB_PROGRAM.format(
-        tool=_quaternion(ABB_TOOL),
-        object=_quaternion(ABB_OBJECT),
-        pick=_robtarget(rig, ABB[1], ABB_OBJECT),
-        rail=_robtarget(rig, ABB[1], ABB_OBJECT, "125.5"),
-        inline=_robtarget(rig, ABB[2], np.eye(4)),
-        other=_robtarget(rig, ABB[3], np.eye(4)),
+        tool=quaternion(ABB_TOOL),
+        object=quaternion(ABB_OBJECT),
+        pick=robtarget_of(rig, ABB[1], ABB_OBJECT),
+        rail=robtarget_of(rig, ABB[1], ABB_OBJECT, "125.5"),
+        inline=robtarget_of(rig, ABB[2], np.eye(4)),
+        other=robtarget_of(rig, ABB[3], np.eye(4)),
     )
     path.write_bytes(text.encode())
     found = _corrected(rig, path)
@@ -479,8 +479,8 @@ def test_abb(tmp_path: Path) -> None:
 
 def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) -> None:
     rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
-    pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", _robtarget(rig, ABB[3], np.eye(4)))
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
     home = "MoveAbsJ [[20,10,20,30,60,-40],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
     for off, before, left in (("ConfL\\Off;", home, []), ("ConfL\\Off;", "", [(6, "no_posture")])):
         path.write_text(f"MODULE a\n{tool}\nPROC b()\n{off}\n{before}\nMoveL {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
@@ -496,9 +496,9 @@ def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) 
 def test_abb_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
     """Both elbows are within the limits; a cfx of the other wrist has no solution."""
     rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
     for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
-        pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", _robtarget(rig, q_deg, np.eye(4)))
+        pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", robtarget_of(rig, q_deg, np.eye(4)))
         path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
         found = _corrected(rig, path)
         assert [one.reason for one in found.left] == left
@@ -512,8 +512,8 @@ def test_abb_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_pa
 def test_a_correction_across_the_end_of_a_quadrant_is_left(angle_deg: float, left: list[str], tmp_path: Path) -> None:
     rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
     wrong = rig.model_copy(update={"effects": (JointOffset(axis=1, offset_deg=0.05, found=found(offset_deg=0.002)),)})
-    pose = _robtarget(rig, (angle_deg, 10, 20, 30, 60, -40), np.eye(4))
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{_quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    pose = robtarget_of(rig, (angle_deg, 10, 20, 30, 60, -40), np.eye(4))
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
     path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
     done = correct_program(wrong, supports(wrong), path, NO_FRAMES, None)
     assert [one.reason for one in done.left] == left and len(done.names) == 1 - len(left)
@@ -522,7 +522,7 @@ def test_a_correction_across_the_end_of_a_quadrant_is_left(angle_deg: float, lef
 def test_a_point_that_the_program_assigns_again_or_reaches_in_two_postures_is_left(tmp_path: Path) -> None:
     rig, path = rig_of("ur10e"), tmp_path / "a.script"
     q = [", ".join(str(float(np.radians(angle))) for angle in UR[k]) for k in (0, 1)]
-    T = _ur_pose(flange_at(rig, np.radians(UR[1])) @ UR_TOOL)
+    T = ur_pose(flange_at(rig, np.radians(UR[1])) @ UR_TOOL)
     path.write_text(
         f"set_tcp(p[0,0,0.145,0,0,0])\nhome=[{q[0]}]\nthere=p[{T}]\nmovej(home)\nmovel(there)\n"
         f"while (True):\nmovel(there)\nend\nother=[{q[1]}]\nmovej(other)\nother=[{q[0]}]\n"
@@ -600,7 +600,7 @@ END\r
 """
 
 
-def _yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
+def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
     T = flange_at(rig, np.radians(q_deg)) @ YASKAWA_TOOL
     turn = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
     return ",".join([*(f"{value:.3f}" for value in T[:3, 3]), *(f"{value:.4f}" for value in turn)])
@@ -612,7 +612,7 @@ def test_yaskawa(tmp_path: Path) -> None:
     assert len({(one.flip, one.up, one.front) for one in stands}) == 1
     form = f"{int(not stands[0].flip)},{int(not stands[0].up)},{int(not stands[0].front)},0,0,0"
     pulses = ",".join(str(round(angle * scale)) for angle, scale in zip(YASKAWA[0], SCALE, strict=True))
-    poses = {f"pose{k}": _yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)}
+    poses = {f"pose{k}": yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)}
     path.write_bytes(YASKAWA_PROGRAM.format(pulses=pulses, form=form, **poses).encode())
     listed = [
         (14, "changed"),

@@ -136,12 +136,14 @@ def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path
 
 
 def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped: Path, tmp_path: Path) -> None:
-    curve = "Array.from(document.querySelector('#steps ~ .pictures .live')._fullData[1].y)"
+    picture = "document.querySelector('#steps ~ .pictures .live')"
+    curve = f"Array.from({picture}._fullData[1].y)"
     with browser(tmp_path / "profile") as one:
         one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
         one.send("Page.navigate", url=stepped.as_uri())
         one.until(DRAWN)
         assert one.value("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
+        one.until(f"{picture}._fullData?.length > 1")
         last = one.value(curve)
         one.value("document.querySelector('.stepper input').focus()")
         for _ in range(2):

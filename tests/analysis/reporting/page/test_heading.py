@@ -14,6 +14,7 @@ from analysis.reporting.page.heading import Heading
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.write_page import rendered, write_page
 from analysis.reporting.texts import texts_of
+from rigs.distribution import to_install
 from rigs.errors import CellError, UseError
 from rigs.load import load
 from tests.support import command_line
@@ -85,8 +86,8 @@ def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
     done = command_line.ran("report", run, "-o", "monday.pdf", cwd=tmp_path)
     assert (done.returncode, list(tmp_path.iterdir())) == (CellError.exit_code, [])
     assert done.stderr == (
-        "error: monday.pdf: needs weasyprint, which is missing; pip install 'rig[pdf]', or write monday.html and print "
-        "it from a browser\n"
+        f"error: monday.pdf: needs weasyprint, which is missing; {to_install('weasyprint')}, or write monday.html and "
+        "print it from a browser\n"
     )
 
 

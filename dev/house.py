@@ -1,0 +1,120 @@
+"""What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, suppressions.
+
+Each number may fall freely; tests/test_house.py holds the largest that each may have.
+"""
+
+from __future__ import annotations
+
+import ast
+import collections
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("rigs", "daq", "analysis")
+EMPTY = frozenset(
+    {"one", "found", "own", "told", "left", "known", "held", "there", "here", "some", "given", "wanted", "worth"}
+    | {"what", "said", "more", "rest", "them", "same", "other", "like", "alone", "beside"}
+)
+"""Names that say nothing of what they stand for."""
+
+
+@cache
+def sources() -> dict[str, ast.Module]:
+    """Return the syntax tree of each file of the product, by its path below the root."""
+    files = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
+    return {str(file.relative_to(ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+
+
+def counts() -> dict[str, int]:
+    """Return every number of the house by its name."""
+    texts = [(ROOT / name).read_text(encoding="utf-8") for name in sources()]
+    functions, once = _functions()
+    return {
+        "product lines": sum(text.count("\n") for text in texts),
+        "product files": len(texts),
+        "private functions used once, per mille": round(1000 * once / len(functions)),
+        "isinstance of a table": sum(len(re.findall(r"isinstance\([^)]*Table", text)) for text in texts),
+        "names that say nothing": sum(name in EMPTY for name in _bindings()),
+        "circles of modules": len(circles()),
+        "suppressions": sum(text.count("# noqa") + text.count("# type: ignore") for text in texts),
+        "lines of the longest file": max(text.count("\n") for text in texts),
+    }
+
+
+def _functions() -> tuple[list[int], int]:
+    """The length in lines of each function, and how many private ones one place of their file uses."""
+    lengths, once = [], 0
+    for tree in sources().values():
+        uses = collections.Counter(
+            node.id if isinstance(node, ast.Name) else node.attr
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Name | ast.Attribute)
+        )
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lengths.append((node.end_lineno or node.lineno) - node.lineno + 1)
+                once += node.name.startswith("_") and not node.name.startswith("__") and uses[node.name] == 1
+    return lengths, once
+
+
+def _bindings() -> Iterator[str]:
+    for tree in sources().values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                yield node.id
+            elif isinstance(node, ast.arg):
+                yield node.arg
+
+
+def circles() -> list[list[str]]:
+    """Return each group of modules that import each other in a circle as they are loaded; an import inside of a
+    function, or for types alone, closes none."""
+    graph = {_module(name): _imports(tree) for name, tree in sources().items()}
+    reach: dict[str, set[str]] = {}
+    for module in graph:
+        seen: set[str] = set()
+        todo = [module]
+        while todo:
+            for imported in graph.get(todo.pop(), ()):
+                if imported not in seen:
+                    seen.add(imported)
+                    todo.append(imported)
+        reach[module] = seen
+    groups = {tuple(sorted(other for other in reach[m] if m in reach.get(other, ()))) for m in graph if m in reach[m]}
+    return sorted(map(list, groups))
+
+
+def _module(name: str) -> str:
+    return name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def _imports(tree: ast.Module) -> set[str]:
+    """The modules that a file imports as it is loaded; of a module that it takes from its package, the module alone."""
+    modules = {_module(name) for name in sources()}
+    imported: set[str] = set()
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            imported |= (names & modules) or {node.module}
+        elif isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+    return imported & modules
+
+
+def main() -> int:
+    """Print each number, and the circles."""
+    for name, number in counts().items():
+        print(f"{number:8d}  {name}")
+    lengths = _functions()[0]
+    print(f"{sum(lengths) / len(lengths):8.1f}  lines of a function, mean")
+    for circle in circles():
+        print(f"  circle: {', '.join(circle)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,45 @@
+"""The commands `rig` and `rigd` begin here, where the packages `rigs`, `daq` and `analysis` are held to be rig's.
+
+Installed, this file is the module `rig_metrology` beside them, a name that no other package has. Other software has
+folders that are called like rig's packages, and ROS puts its folders before all others on PYTHONPATH: without this,
+the commands would end there in a traceback. It imports nothing of rig before that is settled.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+MARKS = {"rigs": "distribution.py", "daq": "service/rigd.py", "analysis": "cli/commands.py"}
+"""A file of each of rig's packages, which another package of the same name lacks."""
+_WRONG_ENVIRONMENT = 4
+"""The exit code of a cell that is not as it should be (rigs.errors.CellError)."""
+
+
+def rig() -> None:
+    """Run the command `rig`."""
+    _hold_packages("rig", "rigs", "daq", "analysis")
+    import_module("analysis.cli").main()
+
+
+def rigd() -> None:
+    """Run the daemon `rigd`."""
+    _hold_packages("rigd", "rigs", "daq")
+    import_module("daq.service.rigd").main()
+
+
+def _hold_packages(program: str, *packages: str) -> None:
+    """End in one line where a package is not rig's: one that stands before it, or none at all."""
+    for package in packages:
+        spec = find_spec(package)
+        if spec is None:
+            what, remedy = f"its package {package} is missing", "install rig again"
+        elif not (Path(str(spec.origin)).parent / MARKS[package]).is_file():
+            what = f"another package {package}, in {str(Path(str(spec.origin)).parent)!a}, stands before rig's own"
+            remedy = f"run env -u PYTHONPATH {program}, or take that folder from PYTHONPATH"
+        else:
+            continue
+        print(f"error: {program}: {what}; {remedy}", file=sys.stderr)
+        sys.exit(_WRONG_ENVIRONMENT)

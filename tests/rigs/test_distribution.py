@@ -1,0 +1,63 @@
+"""What the package is called, how a part is added to it, and that nobody else's package is taken for one of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from rigs import distribution
+from rigs.distribution import NAME, to_install, version
+from rigs.entry import MARKS
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OF_A_PROGRAM = [
+    ("pipx_metadata.json", f"add it: pipx inject {NAME} openpyxl lxml"),
+    ("uv-receipt.toml", f"add it: uv tool install --with openpyxl --with lxml {NAME}"),
+    ("pyvenv.cfg", f"add it: python3 -m pip --python {sys.executable} install openpyxl lxml"),
+]
+
+
+def test_name_and_version_are_those_of_the_project() -> None:
+    assert (NAME, version()) == (PROJECT["name"], PROJECT["version"])
+
+
+@pytest.mark.parametrize(("file", "line"), OF_A_PROGRAM)
+def test_a_missing_part_is_added_where_rig_runs(
+    file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / file).touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    assert to_install("openpyxl", "lxml") == line
+
+
+def test_sources_that_were_only_copied_have_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distribution, "NAME", "rig-that-nobody-installed")
+    assert version() == "not installed"
+
+
+@pytest.mark.parametrize("package", sorted(MARKS))
+@pytest.mark.parametrize("program", ["rig", "rigd"])
+def test_another_package_of_the_name_is_a_line(package: str, program: str, tmp_path: Path) -> None:
+    """ROS puts its folders before all others on PYTHONPATH; the daemon needs no `analysis`."""
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").touch()
+    command = [Path(sys.executable).parent / program, "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={"PYTHONPATH": str(tmp_path)})
+    if (program, package) == ("rigd", "analysis"):
+        assert (done.returncode, done.stdout) == (0, f"rigd {version()}\n")
+        return
+    folder = str(tmp_path / package)
+    assert (done.returncode, done.stderr) == (
+        4,
+        f"error: {program}: another package {package}, in {folder!r}, stands before rig's own; "
+        f"run env -u PYTHONPATH {program}, or take that folder from PYTHONPATH\n",
+    )
+
+
+def test_each_mark_is_a_file_of_the_wheel() -> None:
+    assert all((ROOT / package / file).is_file() for package, file in MARKS.items())
