@@ -16,13 +16,13 @@ from itertools import islice
 from typing import Any
 
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
-from rigs.distribution import to_install
+from rigs.distribution import NAME, to_install
 from rigs.errors import CellError, FileError, RigError
 
 _AHEAD = 1000
 """Items given to the cluster beyond the one that is waited for: more than a cluster has threads."""
 _CONNECTED_S = 10
-_COMPUTING = ("rig", "numpy", "scipy")
+_COMPUTING = (NAME, "numpy", "scipy")
 """Packages whose versions decide about the digits of a result."""
 
 

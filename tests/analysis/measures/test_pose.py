@@ -62,18 +62,21 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
 
 
 def test_an_error_is_measured_less_fitted_in_the_arms_base() -> None:
-    base, row = np.eye(4), 17
+    """Each row has an error of its own: one among rows without any would be a wild reading, and left out."""
+    base, row, rng = np.eye(4), 17, np.random.default_rng(4)
     base[:3, :3], base[:3, 3] = Rotation.from_rotvec([0.1, -2.0, 1.0]).as_matrix(), (3000.0, -200.0, 90.0)
     q = np.random.default_rng(2).uniform(-2, 2, (200, 6))
     T = forward(planted.ur10(), q)
-    T[row, :3, 3] += (0.1, -0.2, 0.3)
-    T[row, :3, :3] = Rotation.from_rotvec([0.001, -0.002, 0.003]).as_matrix() @ T[row, :3, :3]
+    off_mm, turned = rng.normal(0, 0.2, (200, 3)), rng.normal(0, 0.002, (200, 3))
+    off_mm[row], turned[row] = (0.1, -0.2, 0.3), (0.001, -0.002, 0.003)
+    T[:, :3, 3] += off_mm
+    T[:, :3, :3] = Rotation.from_rotvec(turned).as_matrix() @ T[:, :3, :3]
     seen = base @ T
     table = PoseTable(q, seen[:, :3, 3], Rotation.from_matrix(seen[:, :3, :3]).as_euler("xyz"))
     result = pose.evaluate(table, planted.ur10(), 0.01)
     assert result.rotation is not None
-    np.testing.assert_allclose(result.position_mm[row], (0.1, -0.2, 0.3), rtol=0.05)
-    np.testing.assert_allclose(result.rotation[row], (0.001, -0.002, 0.003), rtol=0.05)
+    np.testing.assert_allclose(result.position_mm[row], (0.1, -0.2, 0.3), atol=0.08)
+    np.testing.assert_allclose(result.rotation[row], (0.001, -0.002, 0.003), atol=8e-4)
 
 
 @pytest.mark.parametrize(("series", "rows", "rms"), [("series_d", 632, 0.7720), ("series_b", 1495, 1.0846)])
@@ -180,13 +183,14 @@ def test_poses_need_neither_gauges_nor_feedback(tmp_path: Path) -> None:
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     rig = tmp_path / "tracker.yaml"
     rig.write_text(yaml.safe_dump({"name": "tracker", "robot": data["robot"]}))
-    q = np.random.default_rng(3).uniform(-2, 2, (30, 6))
-    places = forward(arm_of(load(rig)[0].robot), q)[:, :3, 3]
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2, 2, (30, 6))
+    places = forward(arm_of(load(rig)[0].robot), q)[:, :3, 3] + rng.normal(0, 0.01, (30, 3))
     rows = [",".join(f"{value:.6f}" for value in (*np.degrees(a), *b)) for a, b in zip(q, places, strict=True)]
     table = tmp_path / "poses.csv"
     table.write_text("\n".join(["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm", *rows]))
     import_table(table, tmp_path / "run", rig_file=str(rig), test="pose")
-    assert evaluate(load_run(tmp_path / "run")).figures["rms_mm"].value < 1e-4
+    assert evaluate(load_run(tmp_path / "run")).figures["rms_mm"].value < 0.02
     checked = ran("check", rig)
     assert checked.returncode == 0 and "no gauges: for poses of a tracker" in checked.stdout
     for words, code in ((["simulate", rig, "--test", "radial", "-o", tmp_path / "x"], 3), (["emulate", rig], 3)):
