@@ -28,7 +28,7 @@ from analysis.reporting.controller_report import base_note
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
-from rigs.schema.effect import label_of, size_of
+from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
@@ -58,7 +58,8 @@ def as_table(found: Corrections) -> RenderableType:
         style = "green" if one.use != "none" else "yellow"
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
     for play in (one for one in known_plays(found.rig) if one not in found.rig.effects):
-        value = f"{size_of(play):.4g} {quantity_of(play, size_field(play), {}).sign}"
+        field = size_field(play)
+        value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
     parts: list[RenderableType] = [Text(_first(found), style="bold"), Text(), whole(effects)]
     if why := why_nothing(found.rig):

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from analysis.live.loop import RunPlayer
 from analysis.live.played_run import played_run
@@ -25,7 +26,9 @@ from analysis.window.shelf import Shelf
 from analysis.window.watcher import Watcher
 from rigs.errors import CellError
 
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
+"""How long a page may be awaited: its share of a busy computer may be a twentieth. Less than the time limit of a test,
+so that the last answer is shown."""
 
 
 def no_daemon() -> Path:
@@ -78,7 +81,7 @@ class Served:
 
     def ask(self, path: str, method: str = "GET", body: str | bytes | None = None, **headers: str) -> Answer:
         """One request; headers: by name, with _ for -."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             named = {name.replace("_", "-"): value for name, value in headers.items()}
             connection.request(method, path, body, named)
@@ -102,7 +105,7 @@ class Served:
 
     def raw(self, data: bytes = b"") -> socket.socket:
         """A connection on which so much was sent."""
-        sock = socket.create_connection(("127.0.0.1", self.port), timeout=30)
+        sock = socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
         sock.sendall(data)
         return sock
 
@@ -118,7 +121,8 @@ def served(
     session: Path | None = None,
     port: int = 0,
 ) -> Iterator[Served]:
-    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon."""
+    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes has the
+    priority of the tests that await it: below it, on a busy computer, it would get no time at all."""
     place = Place(session) if session else None
     watcher = Watcher(find, place, source=source)
     controls = Controls(watcher, place, "") if control else None
@@ -130,7 +134,8 @@ def served(
     try:
         while not server.started:
             time.sleep(0.01)
-        yield Served(window, sock.getsockname()[1])
+        with patch("analysis.window.made._NICE", 0):
+            yield Served(window, sock.getsockname()[1])
     finally:
         server.should_exit = True
         thread.join(30)

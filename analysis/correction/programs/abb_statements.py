@@ -45,6 +45,8 @@ _ASSIGNED = re.compile(
 _INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
 _OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
+_HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
+"""What a literal target looks like among the arguments of a routine."""
 _SHAPE = {"robtarget": (3, 4, 4, 6), "jointtarget": (6, 6)}
 _NO_AXIS = 8.9e9
 """9E9 stands for an axis that is not there."""
@@ -338,9 +340,14 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
 
 
 def _handed(reader: Reader, begin: int, end: int) -> None:
-    """Tools and work objects that a routine is given may be written by it, where they are not constants."""
+    """Tools and work objects that a routine is given may be written by it, where they are not constants, and it may
+    move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    for word in _WORD.finditer(reader.texts[reader.file], begin, end):
+    text = reader.texts[reader.file]
+    for found in _HANDED.finditer(text, begin, end):
+        if any(reader.literal(reader.file, kind, found.start(), found.end(), "")[0] for kind in _SHAPE):
+            _list(reader, found.start(), "handed", found[0])
+    for word in _WORD.finditer(text, begin, end):
         for kind in ("tool", "frame"):
             if f"{kind} {word[0].lower()}" in reader.frames:
                 why = reader.why(begin, f"{word[0]} is handed to a routine")
@@ -473,7 +480,11 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
 
 def _leave(reader: Reader, begin: int, reason: Reason, name: str) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
+    _list(reader, begin, reason, name)
+    reader.blocks.add(Elsewhere())
+
+
+def _list(reader: Reader, begin: int, reason: Reason, name: str) -> None:
     if reader.file < reader.points.files:
         line = reader.lines[reader.file].at(begin)
         reader.points.leave(Left(reader.file, line, " ".join(name.split())[:60], reason))
-    reader.blocks.add(Elsewhere())

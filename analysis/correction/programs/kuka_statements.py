@@ -45,6 +45,7 @@ from analysis.correction.programs.target import (
     Reason,
     Target,
     arguments,
+    brackets,
     words,
 )
 from analysis.kinematics.arm import Array
@@ -70,6 +71,7 @@ _ASSIGNED = re.compile(
     r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
 )
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
+_AGGREGATE = re.compile(r"\{([^{}]*)\}")
 _HANDED = re.compile(r"\b(?:TOOL_DATA|BASE_DATA)\b|\$(?:TOOL|BASE)\b", re.IGNORECASE)
 _BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*", re.IGNORECASE)
 _ROUTINE = re.compile(r"\s*(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
@@ -260,12 +262,15 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
 
 
 def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
-    """Take the calls of functions in a line; what is handed over by reference may be written."""
+    """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     for found in _CALL.finditer(line):
         statement = reader.called(file, begin, found[1])
         if isinstance(statement, Call) or found[1].upper() not in _FUNCTIONS:
             reader.blocks.add(statement)
+            for handed in _AGGREGATE.finditer(line, found.end(), brackets(line).get(found.end() - 1, len(line))):
+                if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
+                    _list(reader, file, begin, "handed", handed[0])
             if _HANDED.search(line, found.end()):
                 why = reader.why(file, begin, f"{found[1]} is given a tool or base")
                 reader.blocks.add(Lose("TOOL_DATA", why), Lose("BASE_DATA", why), Set("tool", why), Set("base", why))

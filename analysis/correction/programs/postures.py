@@ -139,7 +139,7 @@ class _Ways:
     poses: Array
     branches: dict[int, Array | Reason]
     q: Array
-    known: dict[tuple[int, int, Way], Array | Reason] = field(default_factory=dict)
+    known: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
 
     def stands(self, k: int) -> bool:
         return bool(np.isfinite(self.q[k]).all())
@@ -147,7 +147,7 @@ class _Ways:
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
         """Return the joint angles (6,) rad with which the arm arrives at target k from the target `source`, or why
         they are not known."""
-        key = (source, k, way)
+        key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
         if key not in self.known:
             found = self.branches[k]
             assert not isinstance(found, str)  # noqa: S101 - those have a reason already

@@ -321,6 +321,9 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
         blocks.add(Elsewhere())
     elif name not in _NOTHING:
         blocks.add(Forget(reader.why(at, f"{name} is not known here")))
+        for place in arguments(reader.text, event.end(), end) if end else ():
+            if _list(reader.text, *place):
+                reader.points.leave(reader.left(place[0], "handed", reader.text[slice(*place)]))
 
 
 def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:

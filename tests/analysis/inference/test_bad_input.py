@@ -94,12 +94,12 @@ def test_a_true_effect_in_the_rig_file_leaves_nothing_to_name() -> None:
 
 def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
     # Of two runs a direction the noise is known so badly that one such case in four ended as outside the library.
-    found = found_in(circles(seed=26, count=4), _with(JointOffset(axis=3, offset_deg=0.02)))
+    found = found_in(circles(seed=26, count=4), _with(JointOffset(axis=3, offset_deg=0.12)))
     assert _has_doubt(found, "without joint_offset 3 of the rig file") and _has_doubt(found, "remove it")
     assert found.condition == "named"
     (one,) = found.effects
     assert name_of(one.effect) == "joint_offset 3"
-    assert abs(getattr(one.effect, "offset_deg", 0.0) + 0.02) < 3 * one.sd["offset_deg"]
+    assert abs(getattr(one.effect, "offset_deg", 0.0) + 0.12) < 3 * one.sd["offset_deg"]
 
 
 def test_targets_that_nothing_explains_are_outside_the_library() -> None:

@@ -31,6 +31,7 @@ from rigs.errors import CellError
 from rigs.load import load
 from tests.support.recorded_lap import recorded
 from tests.support.simulated_laps import lap_run, watched_lap
+from tests.support.windows import PATIENCE_S
 
 GATE = Gate.of([], None)
 TOKEN = "0123456789abcdef"  # noqa: S105 - of this test
@@ -55,7 +56,7 @@ def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path: Path) 
         with connect(f"ws://127.0.0.1:{one.port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
             names: dict[int, str] = {}
             last: dict[str, dict[str, object]] = {}
-            end_s, passed_s = time.monotonic() + 60, 0.0
+            end_s, passed_s = time.monotonic() + PATIENCE_S, 0.0
             while len(last) < 3:
                 assert time.monotonic() < end_s, (names, last.keys())
                 passed_s += 1000.0

@@ -32,7 +32,7 @@ from daq.store.marks import load_marks
 from rigs.errors import CellError
 from tests.support.session_cell import NAMED
 from tests.support.simulated_laps import lap_run, watched_lap
-from tests.support.windows import Served, no_daemon, served, told
+from tests.support.windows import PATIENCE_S, Served, no_daemon, served, told
 
 HOSTILE = (
     "<script>alert(1)</script>",
@@ -257,7 +257,7 @@ def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_
     try:
         said = controls.do("session", {"maker": "kuka", "entered": "1"})
         assert said == f"rig session {tmp_path}/none.yaml -o {place.directory} --for kuka --entered"
-        end_s = time.monotonic() + 60
+        end_s = time.monotonic() + PATIENCE_S
         while not controls.session_lines():
             assert time.monotonic() < end_s
             time.sleep(0.1)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from rigs.distribution import to_install
 from tests.support.bench import BIN
 from tests.support.command_line import ran
 
@@ -52,4 +53,4 @@ def test_what_it_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for name in [name for name in sys.modules if name.startswith("analysis.window")]:
         monkeypatch.delitem(sys.modules, name)
     done = ran("window", cwd=tmp_path)
-    assert done.returncode == 4 and "pipx inject rig starlette uvicorn" in done.stderr
+    assert done.returncode == 4 and to_install("starlette", "uvicorn") in done.stderr

@@ -131,6 +131,15 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         ),
         [(3, "changed")],
     ),
+    "numbers handed to a routine of a module beside": (
+        {
+            **_module(J0 + "PathDown {p1};\nok:=at({p2}\\x);\n"),
+            "b.mod": "MODULE b\nPROC PathDown(robtarget goal)\nMoveL goal,v9,fine,t;\nENDPROC\n"
+            "FUNC bool at(robtarget goal\\num x)\nMoveL goal,v9,fine,t;\nENDFUNC\nENDMODULE\n",
+        },
+        [(6, "handed"), (7, "handed")],
+    ),
+    "numbers handed to functions that compute": (_module(J0 + "n:=Distance([1,2,3],[4,5,6]);\n" + L1), []),
     "a point with an offset that is computed": (
         _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
         [(3, "offset"), (6, "offset")],

@@ -74,6 +74,9 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
         "def {name}():\nmovej({q4})\nend\n" + TCP + "movej({q0})\n{name}()\nmovel({p2})\n", []
     ),
     "one whose text is not here": (TCP + "movej({q0})\nget_part()\nmovel({p1})\n", [(4, "not_understood")]),
+    "numbers handed to one whose text is not here": (
+        TCP + "movej({q0})\nplace_at({p1}, 3)\n", [(3, "handed")]
+    ),
     "one that sets another tool": (
         "def set_down():\n" + OTHER + "end\n" + TCP + "movej({q0})\nset_down()\nmovel({p1})\n", []
     ),
@@ -293,6 +296,17 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "a routine that is called in two bases": (
         {"a.src": HEAD + "go()\n$BASE=BASE_DATA[3]\ngo()\nEND\nDEF go()\nPTP {p1}\nEND\n"}, [(9, "several_frames")]
+    ),
+    "numbers handed to a routine beside": (
+        {
+            "a.src": HEAD + "PTP {q0}\nthere({p1},n)\nok=at(1,{q2})\nEND\n",
+            "there.src": "DEF there(goal:IN,n:IN)\nLIN goal\nEND\n",
+            "at.src": "DEFFCT BOOL at(n:IN,goal:IN)\nPTP goal\nRETURN TRUE\nENDFCT\n",
+        },
+        [(5, "handed"), (6, "handed")],
+    ),
+    "an arc of some degrees": (
+        {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "computed"), (5, "computed")]
     ),
     "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (
