@@ -36,4 +36,4 @@ def test_first_steps_names_the_hidden_play(tmp_path: Path) -> None:
     assert "named" in told
     (play,) = [line for line in told if line.startswith("backlash of axis 1: ")]
     size, u = (float(word.rstrip("°")) for word in play.removeprefix("backlash of axis 1: ").split(" ± "))
-    assert abs(size - 0.02) < 5 * u < 0.01
+    assert abs(size - 0.06) < 5 * u < 0.01

@@ -51,7 +51,8 @@ def test_the_citation_names_what_pyproject_names() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # what the format demands
     assert citation["license"] == PROJECT["license"]
-    assert citation["title"].startswith(f"{PROJECT['name']}:")
+    command = PROJECT["name"].removesuffix("-metrology")  # the software is called as its command, the package is not
+    assert command in PROJECT["scripts"] and citation["title"].startswith(f"{command}:")
     assert "version" not in citation
 
 

@@ -78,7 +78,7 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
         ("GP 7", "did you mean yaskawa-gp7?"),
         ("kr6", "did you mean kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
         ("fanuc-m-21ia", "did you mean fanuc-m-20ia"),
-        ("fanuc_m_20ia", "did you mean fanuc-m-20ia"),
+        ("fanuc_m_20i", "did you mean fanuc-m-20ia"),
         ("comau", "rig arms lists all"),
         ("../arms/ur10e", "did you mean ur10e"),
         ("", "rig arms lists all"),
@@ -87,6 +87,11 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name: str, remedy: str) -> None:
     with pytest.raises(FileError, match=re.escape(remedy)):
         load_arm(name)
+
+
+@pytest.mark.parametrize("name", ["fanuc_m_20ia", "FANUC M-20iA"])
+def test_an_arm_is_loaded_by_its_name_as_people_write_it(name: str) -> None:
+    assert load_arm(name) == load_arm("fanuc-m-20ia")
 
 
 @pytest.mark.parametrize(
