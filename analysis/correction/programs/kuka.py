@@ -34,6 +34,8 @@ _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\bS(?:TOOL2?|BASE|IPO_MODE)\s*\()\s
 """What stands before a set of tool and base that is only read."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
+"""Another name for a point of this program, under which it may be written."""
 _CONFIG = "$config.dat"
 
 
@@ -68,6 +70,8 @@ def parse(texts: Texts) -> Parsed:
             ):
                 reader.points.change(key, file, reader.lines[file].at(word.start()))
 
+    _watch_imports(reader)
+
     def initial(part: str) -> Value:
         family, _, number = part.partition("[")
         if part in stated:
@@ -79,6 +83,14 @@ def parse(texts: Texts) -> Parsed:
         return "checked" if part == LINES else OFF
 
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
+
+
+def _watch_imports(reader: Reader) -> None:
+    """Take the points that a file has under another name as written."""
+    for file, text in enumerate(reader.texts):
+        for alias in _IMPORT.finditer(text):
+            if reader.points.knows(alias[1].upper()):
+                reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
 
 
 def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:

@@ -140,6 +140,10 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(6, "handed"), (7, "handed")],
     ),
     "numbers handed to functions that compute": (_module(J0 + "n:=Distance([1,2,3],[4,5,6]);\n" + L1), []),
+    "a procedure that a text names": (
+        _module(J0 + 'MoveLSync {p1},v9,fine,t,"chg";\n' + L2, "PROC chg()\nPDispSet p;\nENDPROC\n"),
+        [(7, "not_understood")],
+    ),
     "a point with an offset that is computed": (
         _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
         [(3, "offset"), (6, "offset")],
