@@ -270,6 +270,18 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
         _other(reader, blocks, file, begin, line)
 
 
+def read_submit(reader: Reader, file: int) -> None:
+    """Take the tools and bases that a program of the submit interpreter, which runs beside, sets."""
+    body: list[Statement] = []
+    for begin, line in lines_in(reader.texts[file]):
+        if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
+            left = re.sub(r"\s", "", assigned["left"]).upper()
+            body += _assigned(reader, file, begin, left, assigned["right"])
+            why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+            reader.beside.append(Call(f"\0{file}", why))
+    reader.routines[f"\0{file}"] = tuple(body)
+
+
 def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
     assert reader.blocks is not None  # noqa: S101 - within a routine

@@ -315,6 +315,16 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "an arc of some degrees": (
         {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "computed"), (5, "computed")]
     ),
+    "a base that the submit interpreter sets": (
+        {"a.src": HEAD + "PTP {p1}\nEND\n", "sps.sub": "DEF SPS()\nLOOP\nPLC(TRUE)\nBASE_DATA[2].Z=12\nENDLOOP\nEND\n"},
+        [(4, "unknown_frame")],
+    ),
+    "a submit interpreter that does something else": (
+        {"a.src": HEAD + "PTP {p1}\nEND\n", "sps.sub": "DEF SPS()\nLOOP\nPLC(TRUE)\n$OUT[1]=TRUE\nENDLOOP\nEND\n"}, []
+    ),
+    "a base that the next cycle keeps": (
+        {"a.src": HEAD + "PTP {p1}\nBASE_DATA[2].X=3\nEND\n"}, [(4, "unknown_frame")]
+    ),
     "a base with a spline": (
         {
             "a.src": HEAD + "PTP {q0}\nSPLINE WITH $BASE=BASE_DATA[i]\nSPL {p1}\nENDSPLINE\nPTP {p1}\nSPLINE\n"
