@@ -69,7 +69,9 @@ def parse(texts: Texts) -> Parsed:
             return stated.get(part, name)
         return "on" if kind == "conf" else OFF
 
-    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken)))
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "))
+    )
 
 
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:

@@ -439,6 +439,8 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
         )
         state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", found["name"])
+    if found["name"].lower().endswith("sync"):
+        reader.blocks.add(Forget(reader.why(at, f"{found['name']} runs a procedure that a text names")))
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:

@@ -158,7 +158,7 @@ def parse(texts: Texts) -> Parsed:
         family, _, number = part.partition("[")
         return number.rstrip("]") if family in ("UFRAME", "UTOOL") else OFF
 
-    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
+    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("UFRAME[", "UTOOL[")))
 
 
 def _section(text: str, name: str, otherwise: int, end: int | None = None) -> int:

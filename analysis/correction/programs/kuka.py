@@ -12,7 +12,14 @@ from __future__ import annotations
 
 import re
 
-from analysis.correction.programs.kuka_statements import LINES, LITERAL_TYPE, Reader, lines_in, read_statement
+from analysis.correction.programs.kuka_statements import (
+    LINES,
+    LITERAL_TYPE,
+    Reader,
+    lines_in,
+    read_statement,
+    read_submit,
+)
 from analysis.correction.programs.machine import OFF, Program, Unknown, Value
 from analysis.correction.programs.numbers import Decimals
 from analysis.correction.programs.points import Points, as_value
@@ -34,6 +41,8 @@ _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\bS(?:TOOL2?|BASE|IPO_MODE)\s*\()\s
 """What stands before a set of tool and base that is only read."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
+"""Another name for a point of this program, under which it may be written."""
 _CONFIG = "$config.dat"
 
 
@@ -58,15 +67,9 @@ def parse(texts: Texts) -> Parsed:
             for begin, line in lines_in(blank[file]):
                 read_statement(reader, file, begin, line)
             reader.close()
-    for file, text in enumerate(blank):
-        for word in _WORD.finditer(text):
-            key = word[0].upper()
-            if (
-                reader.points.knows(key)
-                and (file, word.start()) not in reader.spent
-                and (file in own or key in reader.shared)
-            ):
-                reader.points.change(key, file, reader.lines[file].at(word.start()))
+        elif name.lower().endswith(".sub"):
+            read_submit(reader, file)
+    _watch_points(reader)
 
     def initial(part: str) -> Value:
         family, _, number = part.partition("[")
@@ -78,7 +81,25 @@ def parse(texts: Texts) -> Parsed:
             return Unknown(0, 0, "nothing in these files sets it before")
         return "checked" if part == LINES else OFF
 
-    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), kept=("TOOL_DATA[", "BASE_DATA["))
+    )
+
+
+def _watch_points(reader: Reader) -> None:
+    """Take the points that stand anywhere but in a move, or that a file has under another name, as written."""
+    for file, text in enumerate(reader.texts):
+        for word in _WORD.finditer(text):
+            key = word[0].upper()
+            if (
+                reader.points.knows(key)
+                and (file, word.start()) not in reader.spent
+                and (file < reader.points.files or key in reader.shared)
+            ):
+                reader.points.change(key, file, reader.lines[file].at(word.start()))
+        for alias in _IMPORT.finditer(text):
+            if reader.points.knows(alias[1].upper()):
+                reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
 
 
 def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:

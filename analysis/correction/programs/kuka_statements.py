@@ -63,9 +63,12 @@ _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s+(?!=)(?P<rest>.+)", re.IGNORECASE)
 _BARE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s*(?P<rest>\{.+)", re.IGNORECASE)
 _WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
+_SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b", re.IGNORECASE)
 _WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)", re.IGNORECASE)
 _WITH_FDAT = re.compile(r"S(?:TOOL2?|BASE|IPO_MODE)\s*\(\s*(\w+)(?:\.\w+)?\s*\)", re.IGNORECASE)
 _ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
+_CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST", re.IGNORECASE)
+"""A line keeps the orientation of its start, whatever its target says."""
 _STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECASE)
 _ASSIGNED = re.compile(
     r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
@@ -91,7 +94,7 @@ _NOTHING = re.compile(
 and outputs."""
 _SYSTEM = re.compile(
     r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
-    r"TIMER_STOP|TIMER_FLAG|ORI_TYPE|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
+    r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
     r"ACT_TOOL|ACT_BASE|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|"
     r"REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|"
     r"SOFTPLCINT|SOFTPLCREAL)",
@@ -133,7 +136,13 @@ class Reader:
     beside: list[Call] = field(default_factory=list)
     blocks: Blocks | None = None
     routine: str = ""
+    spline: dict[str, Value | Ref | Built] = field(default_factory=dict)
+    """What the head of a spline sets for its segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
+
+    def constant(self) -> bool:
+        """Return whether a set of motion data of the program keeps the orientation."""
+        return any(_CONSTANT.search(text) for text in self.texts)
 
     def define(self, file: int, name: str, *, everywhere: bool) -> None:
         """Take the name of a routine; all files see a global one, and the one that has the name of its file."""
@@ -261,6 +270,18 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
         _other(reader, blocks, file, begin, line)
 
 
+def read_submit(reader: Reader, file: int) -> None:
+    """Take the tools and bases that a program of the submit interpreter, which runs beside, sets."""
+    body: list[Statement] = []
+    for begin, line in lines_in(reader.texts[file]):
+        if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
+            left = re.sub(r"\s", "", assigned["left"]).upper()
+            body += _assigned(reader, file, begin, left, assigned["right"])
+            why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+            reader.beside.append(Call(f"\0{file}", why))
+    reader.routines[f"\0{file}"] = tuple(body)
+
+
 def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
@@ -351,6 +372,9 @@ def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> 
         return
     if _DECLARATION.fullmatch(line):
         return
+    if _SPLINE.match(line):
+        suffix = _WITH.search(line)
+        reader.spline = _with_all(reader, file, begin, suffix[1]) if suffix else {}
     if _NOTHING.fullmatch(line) or _CALL.match(line.strip()):
         _functions(reader, file, begin, line)
         return
@@ -364,10 +388,13 @@ def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> 
             return [Set(part, Ref(f"{command}_DATA[{int(argument)}]") if int(argument) else "0")]
         return [Set(part, reader.why(file, begin, f"{command} {argument} is computed"))]
     if command in ("PTP_PARAMS", "CP_PARAMS", "FRAMES"):
-        return [Set("tool", Ref("fdat tool")), Set("base", Ref("fdat base")), Set("external_tcp", Ref("fdat ipo"))]
+        taken: list[Statement] = [Set("tool", Ref("fdat tool")), Set("base", Ref("fdat base"))]
+        if command == "CP_PARAMS" and reader.constant():
+            taken.append(Set("switch", reader.why(file, begin, "motion data may keep the orientation")))
+        return [*taken, Set("external_tcp", Ref("fdat ipo"))]
     if command == "INITMOV":
         why = reader.why(file, begin, "BAS(#INITMOV) sets what the controller has")
-        return [Set("tool", why), Set("base", why), Set("external_tcp", OFF)]
+        return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
     if command in _BAS_NOTHING:
         return []
     return [Forget(reader.why(file, begin, f"BAS(#{command}) is not known here"))]
@@ -381,8 +408,8 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             whole = left == name
             value = reader.place(file, begin, right) if whole else reader.why(file, begin, f"a part of {name} is set")
             return [Set(name[1:].lower(), value)]
-        case "$IPO_MODE":
-            return [Set("external_tcp", OFF if right.strip().upper() == "#BASE" else "on")]
+        case "$IPO_MODE" | "$ORI_TYPE":
+            return [_mode(reader, file, begin, name, right.strip().upper())]
         case "TOOL_DATA" | "BASE_DATA":
             return _data(reader, file, begin, left, right)
         case "FDAT_ACT":
@@ -392,6 +419,14 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
     if name.startswith("$") and not _SYSTEM.fullmatch(name):
         return [Forget(reader.why(file, begin, f"{left} is not known here"))]
     return []
+
+
+def _mode(reader: Reader, file: int, begin: int, name: str, right: str) -> Set:
+    """Return what sets whether the tool stands outside, or whether lines keep the orientation of their start."""
+    if name == "$IPO_MODE":
+        return Set("external_tcp", OFF if right == "#BASE" else "on")
+    modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
+    return Set("switch", modes.get(right) or reader.why(file, begin, "$ORI_TYPE is computed"))
 
 
 def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
@@ -434,11 +469,13 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
     """Take a motion: its targets, in the tool and base that are active, or that stand WITH it."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
-    state: dict[str, Value | Ref | Built] = {"tool": Ref("tool"), "base": Ref("base"), "ipo_mode": Ref("external_tcp")}
+    state: dict[str, Value | Ref | Built] = {
+        "tool": Ref("tool"), "base": Ref("base"), "ipo_mode": Ref("external_tcp"), "ori_type": Ref("switch"),
+        **reader.spline,
+    }  # fmt: skip
     if suffix := _WITH.search(line, move.start("rest")):
         end = suffix.start()
-        for part, text in _WITH_PART.findall(suffix[1]):
-            state[part.lower()] = _with(reader, file, begin, part.upper(), text.strip())
+        state |= _with_all(reader, file, begin, suffix[1])
     if zone := _ENDS.search(line, move.start("rest"), end):
         end = zone.start()
     if _STAYS.fullmatch(line[move.start("rest") : end].strip()):
@@ -458,10 +495,10 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         if key is None:
             _leave(reader, file, begin, "not_literal" if _WORD.fullmatch(text) else "computed", text)
             continue
-        needs = () if reader.points.joints(key) else ("external_tcp here",)
         way = "joint" if kind == "PTP" else "line"
+        needs = () if reader.points.joints(key) else ("external_tcp here", "switch here")[: 1 if way == "joint" else 2]
         at = reader.lines[file].at(begin)
-        reader.blocks.add(Set("external_tcp here", state["ipo_mode"]))
+        reader.blocks.add(Set("external_tcp here", state["ipo_mode"]), Set("switch here", state["ori_type"]))
         # A line or an arc keeps the posture at its start, whatever the flags say: it has to lead to them.
         trusts = None if way == "joint" else LINES
         reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
@@ -493,6 +530,19 @@ def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: s
         return None
     reader.spent.add((file, begin + start))
     return text.upper()
+
+
+def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Value | Ref | Built]:
+    """Return the parts of the state that stand WITH a motion, or a spline."""
+    state = {
+        part.lower(): _with(reader, file, begin, part.upper(), value.strip())
+        for part, value in _WITH_PART.findall(text)
+    }
+    if _CONSTANT.search(text):
+        state["ori_type"] = "on"
+    elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant():
+        state["ori_type"] = reader.why(file, begin, "motion data may keep the orientation")
+    return state
 
 
 def _with(reader: Reader, file: int, begin: int, part: str, text: str) -> Value | Ref | Built:

@@ -42,6 +42,7 @@ class Ref:
     part: str
 
 
+_LAST_CYCLE = Unknown(0, 0, "the program sets it further on, and its next cycle begins with that")
 Value = str | tuple[float, ...] | Unknown
 """A name, the 16 numbers of a frame in mm, or unknown."""
 
@@ -139,12 +140,14 @@ Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
 @dataclass(frozen=True)
 class Program:
     """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
-    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere."""
+    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere. A part
+    of the families `kept` has in the next cycle of the program what it had at the end of the one before."""
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
     beside: tuple[Call, ...] = ()
     broken: tuple[Call, ...] = ()
+    kept: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -331,13 +334,9 @@ class _Machine:
         """Return the moves of the program with what holds there."""
         called = {one.name for body in self.program.routines.values() for one in body if isinstance(one, Call)}
         beside = {call.name for call in self.program.beside}
-        start = State({}, {}, frozenset({None}))
-        for name in self.program.routines:
-            if name not in called and name not in beside:
-                self.context(name, start)
-        if not self.contexts:  # routines that only call each other: the first is where the program begins
-            for name in list(self.program.routines)[:1]:
-                self.context(name, start)
+        begins = [name for name in self.program.routines if name not in called and name not in beside]
+        for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
+            self.context(name, State(self._of_last_cycle(name), {}, frozenset({None})))
         self.later |= {name for name in beside if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
@@ -345,6 +344,27 @@ class _Machine:
             self.later.add(name)
         self._in_any_state()
         return self._usages()
+
+    def _of_last_cycle(self, name: str) -> dict[str, Value]:
+        """Return the parts that a program sets, and keeps for its next cycle, where that is not what they are at the
+        beginning."""
+        parts: dict[str, Value] = {}
+        seen, todo = set(), [name]
+        while todo:
+            routine = todo.pop()
+            if routine in seen:
+                continue
+            seen.add(routine)
+            for one in self.program.routines.get(routine, ()):
+                if isinstance(one, Call):
+                    todo.append(one.name)
+                elif (
+                    isinstance(one, Set)
+                    and one.part.startswith(self.program.kept)
+                    and one.value != self.program.initial(one.part)
+                ):
+                    parts[one.part] = one.value if isinstance(one.value, Unknown) else _LAST_CYCLE
+        return parts
 
     def _in_any_state(self) -> None:
         done: set[str] = set()

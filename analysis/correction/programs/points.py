@@ -52,6 +52,8 @@ class Points:
         """Take a point; with a reason it can be moved to, and cannot be corrected."""
         if key in self._points:
             self.change(key, target.file, target.line)
+            if target.file < self.files and key not in self.silent:
+                self.leave(Left(target.file, target.line, target.name, "changed"))
         else:
             self._points[key] = _Point(target, reason)
 

@@ -216,6 +216,8 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
     for event in ordered:
         if event["routine"]:
             reader.open.append((event["name"], Blocks()))
+            if event["routine"] == "sec":
+                reader.beside.append(Call(event["name"], reader.why(event.start(), f"{event['name']} runs beside")))
         elif event["run"]:
             reader.beside.append(Call(event["run"], reader.why(event.start(), f"{event['run']} runs beside")))
         elif event["call"]:

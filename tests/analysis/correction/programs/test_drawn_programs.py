@@ -111,7 +111,7 @@ def test_a_changed_letter_is_seen(dialect: str) -> None:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_what_is_not_changed_and_not_listed_is_seen(dialect: str) -> None:
-    kinds = _kinds(dialect, lambda draft: Corrected(draft.files, frozenset(), (), 0.04))
+    kinds = _kinds(dialect, lambda draft: Corrected(draft.files, frozenset(), (), 0.04, frozenset(draft.files)))
     assert kinds["silent"] > 6, kinds
 
 

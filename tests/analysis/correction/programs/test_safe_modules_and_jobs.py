@@ -140,6 +140,20 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(6, "handed"), (7, "handed")],
     ),
     "numbers handed to functions that compute": (_module(J0 + "n:=Distance([1,2,3],[4,5,6]);\n" + L1), []),
+    "a tool that the next cycle keeps": (
+        _module(J0 + L1 + "t.tframe.trans.z:=t.tframe.trans.z+10;\n"), [(6, "unknown_tool")]
+    ),
+    "a work object that each cycle sets": (
+        _module(
+            "w:=wobj0;\n" + J0 + "MoveJ {p1},v9,fine,t\\WObj:=w;\nw.oframe:=x;\n",
+            data='PERS wobjdata w:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+        ),
+        [],
+    ),
+    "a procedure that a text names": (
+        _module(J0 + 'MoveLSync {p1},v9,fine,t,"chg";\n' + L2, "PROC chg()\nPDispSet p;\nENDPROC\n"),
+        [(7, "not_understood")],
+    ),
     "a point with an offset that is computed": (
         _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
         [(3, "offset"), (6, "offset")],
@@ -205,6 +219,9 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
         [],
     ),
     "a frame from a register": ({"a.ls": _listing(J1, "UFRAME[3]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]),
+    "a frame that the next cycle keeps": (
+        {"a.ls": _listing(J1, L2_, L4_, "UFRAME[3]=PR[5]")}, [("P[2]", "unknown_frame")]
+    ),
     "one whose numbers are known": ({"a.ls": _listing(*ZERO, "UFRAME[3]=PR[5]", J1, L2_)}, []),
     "one of which some are": ({"a.ls": _listing(*ZERO[:5], "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]),
     "one by a number in a register": (

@@ -107,6 +107,12 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a tool set by a thread": (
         "thread t():\n" + OTHER + "end\nrun t()\n" + TCP + "movej({q0})\nmovel({p1})\n", [(7, "unknown_tool")]
     ),
+    "a tool set by a secondary program": (
+        "sec t():\n" + OTHER + "end\ndef prog():\n" + TCP + "movej({q0})\nmovel({p1})\nend\n", [(7, "unknown_tool")]
+    ),
+    "two variables of one name": (
+        TCP + "a = {p1}\nmovej({q0})\nmovel(a)\na = {p2}\nmovel(a)\n", [(2, "changed"), (5, "changed")]
+    ),
     "a thread that counts": (
         "thread t():\nwhile True:\nn = n + 1\nsync()\nend\nend\nrun t()\n" + TCP + "movej({q0})\nmovel({p1})\n", []
     ),
@@ -307,6 +313,46 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "an arc of some degrees": (
         {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "computed"), (5, "computed")]
+    ),
+    "a base that the submit interpreter sets": (
+        {"a.src": HEAD + "PTP {p1}\nEND\n", "sps.sub": "DEF SPS()\nLOOP\nPLC(TRUE)\nBASE_DATA[2].Z=12\nENDLOOP\nEND\n"},
+        [(4, "unknown_frame")],
+    ),
+    "a submit interpreter that does something else": (
+        {"a.src": HEAD + "PTP {p1}\nEND\n", "sps.sub": "DEF SPS()\nLOOP\nPLC(TRUE)\n$OUT[1]=TRUE\nENDLOOP\nEND\n"}, []
+    ),
+    "a base that the next cycle keeps": (
+        {"a.src": HEAD + "PTP {p1}\nBASE_DATA[2].X=3\nEND\n"}, [(4, "unknown_frame")]
+    ),
+    "a base with a spline": (
+        {
+            "a.src": HEAD + "PTP {q0}\nSPLINE WITH $BASE=BASE_DATA[i]\nSPL {p1}\nENDSPLINE\nPTP {p1}\nSPLINE\n"
+            "SPL {p1}\nENDSPLINE\nEND\n"
+        },
+        [(6, "unknown_frame")],
+    ),
+    "a constant orientation": (
+        {"a.src": HEAD + "PTP {q0}\n$ORI_TYPE=#CONSTANT\nLIN {p1}\nPTP {p1}\n$ORI_TYPE=#VAR\nLIN {p1}\nEND\n"},
+        [(6, "switched")],
+    ),
+    "one of motion data": (
+        {
+            "a.src": HEAD + "PTP {q0}\nLDAT_ACT=L1\nBAS(#CP_PARAMS,2)\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\n"
+            "LIN {p1}\nEND\n",
+            "a.dat": "DEFDAT a\nDECL LDAT L1={VEL 2.0,ACC 100.0,ORI_TYP #CONSTANT,CIRC_TYP #BASE}\nENDDAT\n",
+        },
+        [(9, "not_understood")],
+    ),
+    "one with a motion": (
+        {"a.src": HEAD + "PTP {q0}\nSLIN {p1} WITH $ORI_TYPE=#CONSTANT\nPTP {p1}\nSLIN {p1}\nEND\n"}, [(5, "switched")]
+    ),
+    "a point that another file has under another name": (
+        {
+            "a.src": HEAD + "PTP XP\nEND\n",
+            "a.dat": "DEFDAT a PUBLIC\nDECL E6POS XP={p1}\nENDDAT\n",
+            "b.dat": "DEFDAT b\nIMPORT DECL E6POS XQ IS /R1/A..XP\nENDDAT\n",
+        },
+        [(2, "changed")],
     ),
     "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (
