@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from rigs.load import load, load_hidden
 from tests.support.command_line import ran
@@ -107,8 +108,16 @@ def test_a_calibrated_model_says_of_a_run_what_it_said(state: Path) -> None:
 def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state: Path) -> None:
     runs = [run for run in _runs(state) if "yaw" in run or "radial" in run or "repeat" in run]
     for file, words in (("diagnose.json", ["diagnose", *runs]), ("runs.json", ["runs", "runs"])):
-        before = json.loads((state / file).read_text())
-        assert set(_keys(before)) - set(_keys(_said(state, *words, "--json"))) == set(), file
+        before, now = json.loads((state / file).read_text()), _said(state, *words, "--json")
+        if file == "diagnose.json":
+            # Both hidden effects, of 2.0 and 2.5 times the usual, stood as unusual then: now 5 times is (0035).
+            # What only an effect that stands has is empty; its keys, with others, are in every diagnosis all the same.
+            assert [one["doubt"] for one in now["effects"]] == ["usual", "usual"]
+            assert all(was.keys() <= one.keys() for was, one in zip(before["effects"], now["effects"], strict=True))
+            for effects in (before["effects"], now["effects"]):
+                for one in effects:
+                    one |= {"doubt": None, "alone_um": None, "shares": {}}
+        assert set(_keys(before)) - set(_keys(now)) == set(), file
 
 
 @pytest.mark.parametrize("state", ["last"], indirect=True)
@@ -122,6 +131,10 @@ def test_a_map_reads_of_a_table_what_it_read(state: Path) -> None:
 
 @pytest.mark.parametrize("state", ["last"], indirect=True)
 def test_a_session_at_its_end_is_known_again(state: Path) -> None:
+    """Its runs, which are not kept here for their size, are directories alone: of them it looks at no more."""
+    session = yaml.safe_load((state / "session/session.yaml").read_text(encoding="utf-8"))
+    for name in [one["run"] for step in session["steps"] for one in step["tries"]]:
+        (state / "session/runs" / name).mkdir(parents=True)
     done = ran("session", "cell.yaml", "-o", ".", "--status", cwd=state / "session")
     assert done.returncode == 0, done.stderr
     assert "offset d of axis 4" in done.stdout and "63.9 ± 0.6 µm rms" in done.stdout and "13 runs" in done.stdout
