@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.correction.programs.abb_statements import Reader, literal_frames, read_module
-from analysis.correction.programs.machine import OFF, Program, Unknown, Value
+from analysis.correction.programs.machine import OFF, Call, Program, Set, Unknown, Value
 from analysis.correction.programs.numbers import Decimals
 from analysis.correction.programs.points import Points, as_value
 from analysis.correction.programs.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
@@ -52,6 +52,7 @@ def parse(texts: Texts) -> Parsed:
                 reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
     for file in range(len(blank)):
         read_module(reader, file)
+    _other_tasks(reader)
     for file, text in enumerate(blank):
         for word in _WORD.finditer(text):
             key = word[0].lower()
@@ -72,6 +73,25 @@ def parse(texts: Texts) -> Parsed:
     return reader.points.parsed(
         Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "))
     )
+
+
+def _other_tasks(reader: Reader) -> None:
+    """Take the tools and work objects that modules beside set, whose own main begins another task or another program:
+    persistent data of one name may be one for all of them."""
+    if not any(f"{file}:main" in reader.routines for file in range(reader.points.files)):
+        return
+    for file in range(reader.points.files, len(reader.texts)):
+        todo, seen = [f"{file}:main"], set[str]()
+        while todo:
+            name = todo.pop()
+            body = () if name in seen else reader.routines.get(name, ())
+            seen.add(name)
+            todo += [one.name for one in body if isinstance(one, Call)]
+            sets = tuple(one for one in body if isinstance(one, Set) and one.part.startswith(("tool ", "frame ")))
+            if sets:
+                key = f"\0{file} {name}"
+                reader.routines[key] = sets
+                reader.beside.append(Call(key, Unknown(file, 1, f"the main of {reader.names[file]} may run beside")))
 
 
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:

@@ -76,7 +76,8 @@ def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lea
     negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]  # type: ignore[union-attr]
     with pytest.raises(FileError, match=r"fit only with both gauges counting the other way.*; press a probe"):
         found_in(negated)
-    assert found_in(runs).standing[0].effect.effect == "backlash"
+    act = found_in(runs).acts[0]  # 0.02° is twice what is usual: no fault of the arm, and most of its error
+    assert act.kind == "repair" and act.effect and act.effect.effect == "backlash"
 
 
 def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> None:

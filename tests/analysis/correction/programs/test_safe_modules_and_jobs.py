@@ -150,6 +150,13 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         ),
         [],
     ),
+    "a tool that another task sets": (
+        {**_module(J0 + L1), "b.mod": "MODULE b\nPERS tooldata t;\nPROC main()\nt.tframe:=x;\nENDPROC\nENDMODULE\n"},
+        [(6, "unknown_tool")],
+    ),
+    "a task that sets others": (
+        {**_module(J0 + L1), "b.mod": "MODULE b\nPROC main()\nPDispSet p;\nother;\nENDPROC\nENDMODULE\n"}, []
+    ),
     "a procedure that a text names": (
         _module(J0 + 'MoveLSync {p1},v9,fine,t,"chg";\n' + L2, "PROC chg()\nPDispSet p;\nENDPROC\n"),
         [(7, "not_understood")],
