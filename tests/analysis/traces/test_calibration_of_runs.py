@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 
 import pyarrow.csv
@@ -14,7 +15,6 @@ from daq.store import verify
 from rigs import load as reading
 from rigs.calibration import CALIBRATION
 from rigs.errors import FileError
-from rigs.load import load
 from tests.support.bench import Bench, rig_text
 from tests.support.handmade_calibration import calibrated_model, written
 
@@ -81,11 +81,9 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
 
 def test_a_recorded_run_keeps_what_the_daemon_began_with(tmp_path: Path) -> None:
     """Whatever becomes of the file while the daemon runs."""
-    rig_file, beside = written(tmp_path)
-    named = load(rig_file)[0].calibration
-    assert named is not None
-    text = f"{rig_text()}calibration: {{file: {named.file}, sha256: {named.sha256}}}\n"
+    beside = written(tmp_path, calibrated_model(rig="bench"))[1]
     content = beside.read_bytes()
+    text = f"{rig_text()}calibration: {{file: {beside.name}, sha256: {sha256(content).hexdigest()}}}\n"
     with Bench(tmp_path, text) as bench:
         bench.start()
         beside.write_text("something else")
