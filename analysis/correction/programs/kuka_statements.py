@@ -489,7 +489,7 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
     for start, stop in places[:count]:
         text = line[start:stop]
         if len(places) > count:  # an arc of CA degrees does not end at its target, and keeps the posture of its start
-            _list(reader, file, begin, "computed", text)
+            _list(reader, file, begin, "arc", text)
             continue
         key = _point(reader, file, begin, start, text, kind)
         if key is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -43,10 +44,10 @@ def test_a_table_is_imported_or_asked_about_or_refused(foreign: Foreign, tmp_pat
 
 
 @pytest.mark.cpu_limit(600)
-@pytest.mark.parametrize("seed", cases(range(12), [3]))
-def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("seed", "part"), cases(itertools.product(range(12), range(4)), [(3, 0)]))
+def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, part: int, tmp_path: Path) -> None:
     rig, found = drawn(seed)
-    for foreign in in_format(found, rig):
+    for foreign in list(in_format(found, rig))[part::4]:
         folder = tmp_path / foreign.name
         folder.mkdir()
         done = tried(foreign, folder)

@@ -312,7 +312,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(5, "handed"), (6, "handed")],
     ),
     "an arc of some degrees": (
-        {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "computed"), (5, "computed")]
+        {"a.src": HEAD + "PTP {q0}\nCIRC {p1},{p2},CA 90\nLIN {p1}\nEND\n"}, [(5, "arc"), (5, "arc")]
     ),
     "a base that the submit interpreter sets": (
         {"a.src": HEAD + "PTP {p1}\nEND\n", "sps.sub": "DEF SPS()\nLOOP\nPLC(TRUE)\nBASE_DATA[2].Z=12\nENDLOOP\nEND\n"},

@@ -341,8 +341,8 @@ def test_kuka(tmp_path: Path) -> None:
     assert _changed(data_path.read_bytes(), found.files["Pick.dat"]) == {7}
     assert [(one.file, one.line, one.reason) for one in found.left] == [
         (0, 18, "relative"),
-        (0, 20, "computed"),
-        (0, 20, "computed"),
+        (0, 20, "arc"),
+        (0, 20, "arc"),
         (0, 21, "not_literal"),
         (0, 24, "computed"),
         (1, 6, "changed"),
