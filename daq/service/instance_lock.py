@@ -129,9 +129,11 @@ class InstanceLock:
 
 
 def _same_port(port: str) -> str:
-    """Return one name for a port, however it is written: of a serial port the device, of an address small letters."""
+    """Return one name for a port, however it is written: of a serial port the device, of an address small letters. A
+    pseudo-terminal goes by the path given: its number is another's as soon as it closes, while a daemon waits for it."""
     if port.startswith("/"):
-        return os.path.realpath(port)
+        device = os.path.realpath(port)
+        return str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
     return port.casefold().replace("//localhost:", "//127.0.0.1:")
 
 
