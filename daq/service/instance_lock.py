@@ -130,7 +130,7 @@ class InstanceLock:
 
 def _same_port(port: str) -> str:
     """Return one name for a port, however it is written: of a serial port the device, of an address small letters.
-    A pseudo-terminal goes by the path given: its number is another's as soon as it closes, while a daemon waits for it."""
+    A pseudo-terminal goes by the path given: its number is another's as soon as it closes."""
     if port.startswith("/"):
         device = os.path.realpath(port)
         return str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
