@@ -58,9 +58,9 @@ class BudgetPart:
 
     `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
     change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
-    half, so that parts that cancel each other have negative shares. `times_usual` is how many times as much it does as
-    a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt` are those of a fitted
-    effect, and `name` its name.
+    half; a part whose share would be negative is counted with what it cancels (`cancelled`). `times_usual` is how many
+    times as much it does as a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt`
+    are those of a fitted effect, and `name` its name.
     """
 
     kind: PartKind | Literal["effect", "scatter", "unexplained"]

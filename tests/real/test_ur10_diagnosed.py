@@ -42,7 +42,8 @@ def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
     assert diagnosed < 0.9 * dh < 0.9 * 0.6 * nominal
 
 
-def test_the_arm_shows_some_more_than_a_healthy_one_and_no_backlash_is_named(told: str) -> None:
+def test_the_arm_shows_what_light_arms_show_and_no_backlash_is_named(told: str) -> None:
+    """By what is usual in light arms its level is 1.00; beside heavier arms, whose joints yield less, it was above."""
     assert "backlash" not in told
     level = re.search(r"level ([\d.]+)", told)
-    assert level and 1.0 < float(level.group(1)) < 4.0
+    assert level and 0.7 < float(level.group(1)) < 1.5
