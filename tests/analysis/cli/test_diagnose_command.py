@@ -17,7 +17,7 @@ from rigs.load import load
 
 CELL = load("paper-fanuc")[1]
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
-HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.02}\n"
+HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.06}\n"
 
 
 def _rig(*words: object) -> Result:
@@ -82,7 +82,7 @@ def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any],
     assert answer["condition"] == "named"
     (effect,) = answer["effects"]
     assert (effect["effect"], effect["axis"]) == ("backlash", 1) and effect["posterior"] > 0.9
-    assert effect["parameters"]["width_deg"]["value"] == pytest.approx(0.02, rel=0.05)
+    assert effect["parameters"]["width_deg"]["value"] == pytest.approx(0.06, rel=0.05)
     assert answer["where"] and answer["repeats_measured"]
 
 
