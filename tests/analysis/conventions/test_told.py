@@ -77,7 +77,7 @@ def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lea
     with pytest.raises(FileError, match=r"fit only with both gauges counting the other way.*; press a probe"):
         found_in(negated)
     act = found_in(runs).acts[0]  # 0.02° is twice what is usual: no fault of the arm, and most of its error
-    assert act.kind == "repair" and act.effect and act.effect.effect == "backlash"
+    assert act.kind == "approach" and act.effect and act.effect.effect == "backlash", "corrected for today first"
 
 
 def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> None:
