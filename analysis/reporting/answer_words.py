@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 from analysis.inference.acts import Doubt
 from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
@@ -58,6 +59,12 @@ def shown_parts(found: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
     """The parts of the error that have a line of their own, and the small ones that are counted together."""
     small = [one for one in found.budget if abs(one.share) < SMALL_SHARE and one.rank != "unusual"]
     return [one for one in found.budget if one not in small], small
+
+
+def fields_of(effect: Effect) -> dict[str, Any]:
+    """The parameters of an effect as a sentence says them, each in its own unit: the order of a gear as its teeth."""
+    fields = effect.model_dump()
+    return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
 
 
 @dataclass(frozen=True)
@@ -136,8 +143,7 @@ class AnswerWords:
         if words is None:
             return plain(self.found.rig, effect)
         axis = getattr(effect, "axis", None)
-        values = effect.model_dump() | {"joint": self._joint(axis) if axis else ""}
-        return words.format(**values | ({"order": whole_order(values["order"])} if "order" in values else {}))
+        return words.format(**fields_of(effect) | {"joint": self._joint(axis) if axis else ""})
 
     def _joint(self, axis: int) -> str:
         return self.texts("joint_of", axis=axis, name=self.found.rig.robot.axes[axis - 1].name)

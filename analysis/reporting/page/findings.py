@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from analysis.inference.result import Diagnosis, Named, Rival
-from analysis.reporting.answer_words import AnswerWords, part_of
+from analysis.reporting.answer_words import AnswerWords, fields_of, part_of
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, size, sure
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect
@@ -57,8 +57,7 @@ def _said(words: AnswerWords, effect: Effect, one: Named | Rival) -> str:
         return f"{noun[:1].upper()}{noun[1:]}: {size(one)}."
     axis = getattr(effect, "axis", None)
     joint = words.found.rig.robot.axes[axis - 1].name if axis else ""
-    fields = {name: value for name, value in effect.model_dump().items() if isinstance(value, int | float | str)}
-    return template.format(**fields | {"size": size(one), "joint": f"{joint[:1].upper()}{joint[1:]}"})
+    return template.format(**fields_of(effect) | {"size": size(one), "joint": f"{joint[:1].upper()}{joint[1:]}"})
 
 
 def _where(found: Diagnosis, one: Named, texts: Texts) -> str:

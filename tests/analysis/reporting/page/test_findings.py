@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres
 from analysis.reporting.texts import texts_of
-from rigs.effects import BallForm, JointOffset
+from rigs.effects import BallForm, JointOffset, TransmissionError
 from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis
 
 ENGLISH = texts_of("en")
@@ -34,6 +34,12 @@ def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
 def test_the_one_that_moves_most_comes_first_and_what_is_no_fault_is_left_out() -> None:
     both = findings_of(diagnosis("named", effects=(ZERO, PLAY, SMALL)), ENGLISH)
     assert [one.what.partition(" ")[0] for one in both] == ["Theta", "The"]
+
+
+def test_a_gear_has_whole_teeth() -> None:
+    gear = TransmissionError(axis=4, order=8.001, amplitude_deg=0.03, phase_deg=40)
+    (one,) = findings_of(diagnosis("named", effects=(replace(PLAY, effect=gear, sd={"amplitude_deg": 1e-4}),)), ENGLISH)
+    assert one.what.endswith(", 8 times a turn."), one.what
 
 
 def test_an_effect_without_a_sentence_is_said_by_its_noun_and_its_number() -> None:
