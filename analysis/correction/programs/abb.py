@@ -71,7 +71,9 @@ def parse(texts: Texts) -> Parsed:
         return "on" if kind == "conf" else OFF
 
     return reader.points.parsed(
-        Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "))
+        Program(
+            reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "), cycles=True
+        )
     )
 
 

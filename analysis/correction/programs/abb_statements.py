@@ -97,6 +97,8 @@ _NOTHING = words("""
     """)
 """Instructions that change neither tool, work object nor displacement, nor where the arm stands: signals, waiting, the
 pendant, files, sockets, interrupts, speeds, loads, world zones."""
+_WRITES = words("strtoval unpackrawbytes testandset readrawbytes")
+"""Functions that write what they are given."""
 _SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", OFF),
     "softact": ("tracking", "on"), "softdeact": ("tracking", OFF),
@@ -337,6 +339,8 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
         if isinstance(statement, Call) or found[1].lower() not in _FUNCTIONS:
             reader.blocks.add(statement)
             _handed(reader, found.end(), end)
+        elif found[1].lower() in _WRITES:
+            _handed(reader, found.end(), end)
 
 
 def _handed(reader: Reader, begin: int, end: int) -> None:
@@ -393,7 +397,9 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
     elif name in ("setdataval", "setalldataval"):
         reader.by_name = reader.why(at, "data are written by a name in a text")
         blocks.add(Forget(reader.by_name))
-    elif name not in _NOTHING:
+    elif name in _NOTHING:
+        _handed(reader, found.start("rest"), end)  # Incr, Add, UnpackRawBytes and others write what they are given
+    else:
         blocks.add(Forget(reader.why(at, f"{found['name']} is not known here")))
 
 

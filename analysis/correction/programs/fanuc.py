@@ -11,8 +11,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 from analysis.correction.programs.machine import (
+    HERE,
     OFF,
     Blocks,
     Built,
@@ -75,8 +77,8 @@ _ASSIGNED = re.compile(
     r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]\s*(?:,\s*\S+\s*)?=.*"
 )
 _NOTHING = re.compile(
-    r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|UFRAME_NUM(?:\[[^\]]*\])?\s*=.*|"
-    r"UTOOL_NUM(?:\[[^\]]*\])?\s*=.*|JOINT_MAX_SPEED.*|LINEAR_MAX_SPEED.*|(?:TOOL_|V)?OFFSET\s+CONDITION\b.*|"
+    r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|"
+    r"U(?:FRAME|TOOL)_NUM\[\s*GP[2-9][^\]]*\]\s*=.*|JOINT_MAX_SPEED.*|LINEAR_MAX_SPEED.*|(?:TOOL_|V)?OFFSET\s+CONDITION\b.*|"
     r"SKIP\s+CONDITION\b.*|LOCK\s+(?:PREG|VREG)|UNLOCK\s+(?:PREG|VREG)|COL\s+(?:DETECT|GUARD)\b.*|RSR\[.*|REMARK\b.*|"
     r"Arc\s+(?:Start|End)\b.*|Weave\b.*|SPOT\s*\[.*|BACKUP\s*=.*|VISION\s+(?:RUN_FIND|GET_OFFSET|GET_PASSFAIL|"
     r"GET_NFOUND|CAMERA_CALIB|SET_REFERENCE|OVERRIDE)\b.*|LINECOUNT\[.*|LINESIM\[.*|SETTRIG\b.*|DEFENC\b.*|SETBOUND\b.*|"
@@ -85,7 +87,11 @@ _NOTHING = re.compile(
     re.IGNORECASE,
 )
 """Instructions that change neither frames nor where the arm stands or goes: registers, signals, waiting, speeds,
-messages, welding. UFRAME_NUM and UTOOL_NUM have to be those of a position, or the controller stops."""
+messages, welding."""
+_SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
+"""A controller refuses a position whose UF and UT are not the numbers that are selected (INTP-250 to 253), unless a
+system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
+nowhere, so they have to be the same."""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
 _REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?([^\],:]*)(?::[^\],]*)?(?:,\s*([^\]:]*)[^\]]*)?\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
@@ -156,6 +162,8 @@ def parse(texts: Texts) -> Parsed:
 
     def initial(part: str) -> Value:
         family, _, number = part.partition("[")
+        if part in ("UFRAME_NUM", "UTOOL_NUM"):
+            return Unknown(0, 0, f"no line selects {part}")
         return number.rstrip("]") if family in ("UFRAME", "UTOOL") else OFF
 
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("UFRAME[", "UTOOL[")))
@@ -257,14 +265,17 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
 def _sets(reader: _Reader, text: str) -> bool:
     """Take an instruction that sets a frame, a register or a mode, if it is one."""
     blocks, why = reader.blocks, reader.why(f"{text} sets it")
-    if frame := _FRAME.fullmatch(text):
+    if selected := _SELECTED.fullmatch(text):
+        number = selected[2].strip()
+        blocks.add(Set(selected[1].upper(), str(int(number)) if number.isdigit() else why))
+    elif frame := _FRAME.fullmatch(text):
         family, number = frame[1].upper(), frame[2].split(":")[0].strip()
         value = _register(text.partition("=")[2], why)
         blocks.add(Set(f"{family}[{int(number)}]", value) if number.isdigit() else Lose(family, why))
     elif register := _REGISTER.fullmatch(text):
         _set_register(reader, register)
     elif _SYSTEM_FRAMES.match(text):
-        blocks.add(Lose("UFRAME", why), Lose("UTOOL", why))
+        blocks.add(Lose("UFRAME", why), Lose("UTOOL", why), Set("UFRAME_NUM", why), Set("UTOOL_NUM", why))
     elif switch := next((value for pattern, value in _SWITCHES if pattern.fullmatch(text)), None):
         blocks.add(Set(*switch))
     else:
@@ -376,6 +387,12 @@ def _offset(reader: _Reader, text: str) -> tuple[str, Value | Built]:
     return "tool" if register[1] else "frame", _register(register[2], why)
 
 
+def _selected(number: str, values: tuple[Value, ...]) -> Value:
+    """Return whether the selected number is that of a position: F stands for the selected one."""
+    selected = values[0]
+    return OFF if number in ("F", selected) else selected
+
+
 def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
     offset = _OFFSET.search(rest)
@@ -405,6 +422,9 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
         for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
     )
     needs = ("tracking", "option here", *parts)
+    for part, number in (() if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool))):
+        blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
+        needs += (f"selected {part}{HERE}",)
     missing = _offset(reader, offset[0]) if offset else None
     way = "joint" if kind == "J" else "line"
     key = f"{point[1]}@{line}" if offset else point[1]

@@ -28,11 +28,13 @@ _DEEPEST = 60
 
 @dataclass(frozen=True, order=True)
 class Unknown:
-    """What is not known, and why: a place in the program, and words that complete "line n: …"."""
+    """What is not known, and why: a place in the program, and words that complete "line n: …"; whether `everything` is
+    unknown there, or just that part, which may have one value or another."""
 
     file: int
     line: int
     why: str
+    everything: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Ref:
     part: str
 
 
-_LAST_CYCLE = Unknown(0, 0, "the program sets it further on, and its next cycle begins with that")
+_KEPT = Unknown(0, 0, "a routine of these files sets it, and it keeps that for the next cycle")
 Value = str | tuple[float, ...] | Unknown
 """A name, the 16 numbers of a frame in mm, or unknown."""
 
@@ -140,14 +142,18 @@ Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
 @dataclass(frozen=True)
 class Program:
     """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
-    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere. A part
-    of the families `kept` has in the next cycle of the program what it had at the end of the one before."""
+    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere.
+
+    A part of the families `kept` stays what any routine, also one that nobody calls, has made it: a program may have
+    been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
+    all parts as they are where it ends."""
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
     beside: tuple[Call, ...] = ()
     broken: tuple[Call, ...] = ()
     kept: tuple[str, ...] = ()
+    cycles: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,6 +204,8 @@ class _Machine:
         self.count: dict[str, int] = {}
         self.later: set[str] = set()
         self.active: list[str] = []
+        self.halted: list[State] = []
+        """The states in which the program ends within a routine."""
         self.flow = {name: _successors(body) for name, body in program.routines.items()}
         self.pinned, self.pinned_all, self.moved = self._beside()
 
@@ -230,13 +238,16 @@ class _Machine:
 
     def value(self, state: State, part: str) -> Value:
         if self.pinned_all:
-            return self.pinned_all
+            return replace(self.pinned_all, everything=True)
         if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
             return pinned
         if part in state.values:
             return state.values[part]
-        lost = state.lost.get(family_of(part)) or state.lost.get("")
-        return lost if lost else self.program.initial(part)
+        if lost := state.lost.get(family_of(part)):
+            return lost
+        if lost := state.lost.get(""):
+            return replace(lost, everything=True)
+        return self.program.initial(part)
 
     def resolved(self, state: State, value: Value | Ref | Built) -> Value:
         if isinstance(value, Built):
@@ -312,6 +323,9 @@ class _Machine:
                 return replace(state, stands=frozenset({key}))
             case Call(name, why):
                 return self._called(name, why, state)
+            case End(halts=True):
+                self.halted.append(state)
+                return state
             case _:
                 return state
 
@@ -335,8 +349,9 @@ class _Machine:
         called = {one.name for body in self.program.routines.values() for one in body if isinstance(one, Call)}
         beside = {call.name for call in self.program.beside}
         begins = [name for name in self.program.routines if name not in called and name not in beside]
+        begin = State(*self._kept(), frozenset({None}))
         for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
-            self.context(name, State(self._of_last_cycle(name), {}, frozenset({None})))
+            self._cycle(name, begin)
         self.later |= {name for name in beside if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
@@ -345,26 +360,34 @@ class _Machine:
         self._in_any_state()
         return self._usages()
 
-    def _of_last_cycle(self, name: str) -> dict[str, Value]:
-        """Return the parts that a program sets, and keeps for its next cycle, where that is not what they are at the
-        beginning."""
+    def _cycle(self, name: str, begin: State) -> None:
+        """Go through a routine with which the program begins, and again from where it ends, if it begins again there,
+        until nothing changes."""
+        while True:
+            self.halted.clear()
+            after = self.context(name, begin).after
+            if not self.program.cycles:
+                return
+            again = begin
+            for end in ([after] if after else []) + self.halted:
+                here = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
+                again = self.join(again, State(here, end.lost, begin.stands), _KEPT)
+            if again.key() == begin.key():
+                return
+            begin = again
+
+    def _kept(self) -> tuple[dict[str, Value], dict[str, Unknown]]:
+        """Return the parts, and the families, that a routine of the program sets and the controller keeps, where that
+        is not what they are at the beginning."""
         parts: dict[str, Value] = {}
-        seen, todo = set(), [name]
-        while todo:
-            routine = todo.pop()
-            if routine in seen:
-                continue
-            seen.add(routine)
-            for one in self.program.routines.get(routine, ()):
-                if isinstance(one, Call):
-                    todo.append(one.name)
-                elif (
-                    isinstance(one, Set)
-                    and one.part.startswith(self.program.kept)
-                    and one.value != self.program.initial(one.part)
-                ):
-                    parts[one.part] = one.value if isinstance(one.value, Unknown) else _LAST_CYCLE
-        return parts
+        families: dict[str, Unknown] = {}
+        for one in (one for body in self.program.routines.values() for one in body):
+            match one:
+                case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
+                    parts[part] = value if isinstance(value, Unknown) else _KEPT
+                case Lose(family, why) if f"{family}[".startswith(self.program.kept):
+                    families[family] = why
+        return parts, families
 
     def _in_any_state(self) -> None:
         done: set[str] = set()

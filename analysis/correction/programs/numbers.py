@@ -121,13 +121,14 @@ def written(number: Number, text: str, value: float, form: Form, decimals: tuple
 
 
 def replaced(text: str, changes: Sequence[tuple[Number, str]]) -> str:
-    """Return the text with new numbers; where spaces stand before a number in a column, they make up its width."""
+    """Return the text with new numbers; where spaces stand between an equals sign and a number, as in the columns of
+    FANUC's listings, they make up its width."""
     parts, at = [], 0
     for number, new in sorted(changes, key=lambda one: one[0].begin):
         before = text[at : number.begin]
         spaces = len(before) - len(before.rstrip(" "))
         wider = len(new) - (number.end - number.begin)
-        if spaces > 1:
+        if spaces > 1 and before[: len(before) - spaces].endswith("="):
             kept = max(1, spaces - wider)
             before = before[: len(before) - spaces] + " " * kept
         parts += [before, new]

@@ -22,9 +22,10 @@ _BY_PART: dict[str, Reason] = {
     "external_tcp": "external_tcp",
     "coordinated": "coordinated",
     "switch": "switched",
+    "selected": "selected",
     "option": "not_understood",
 }
-"""Why a point is left where this part is not off."""
+"""Why a point is left where this part is not off, or not on every way."""
 
 
 @dataclass
@@ -209,10 +210,11 @@ def _with_state(target: Target, usages: Sequence[Usage], left: _Leave) -> Target
 def _moved(usage: Usage) -> tuple[Reason, Unknown] | tuple[Reason, Unknown, Unknown] | None:
     """Return why a move does not go to the point itself, if it may not."""
     for part, value in usage.needs:
+        reason = _BY_PART[part.partition(" ")[0]]
         if isinstance(value, Unknown):
-            return "not_understood", value, _here(usage, "the move")
+            return "not_understood" if value.everything else reason, value, _here(usage, "the move")
         if value != OFF:
-            return _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
+            return reason, _here(usage, "the move")
     return None
 
 

@@ -58,6 +58,10 @@ _DECLARED = re.compile(
     r"[ \t]*$",
     re.MULTILINE,
 )
+_PART_DECLARED = re.compile(
+    r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
+)
+"""Numbers that become a part of a struct or of a list."""
 _EVENT = re.compile(
     r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
     r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
@@ -174,11 +178,12 @@ def parse(texts: Texts) -> Parsed:
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
+    _list_parts(reader)
     _read(reader, events)
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    return reader.points.parsed(Program(reader.routines, _initial, tuple(reader.beside)))
+    return reader.points.parsed(Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",)))
 
 
 def _initial(part: str) -> Value:
@@ -205,6 +210,14 @@ def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
         line = reader.lines.at(found.start("name"))
         form: Form = "rotation_vector" if pose else "joints_rad"
         reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
+
+
+def _list_parts(reader: _Reader) -> None:
+    """List the numbers of targets that become parts of structs and lists: moves to them are computed."""
+    for found in _PART_DECLARED.finditer(reader.text):
+        numbers = numbers_in(reader.text, found.start("list"), found.end("list"))
+        if numbers and len(numbers) == 6:
+            reader.points.leave(reader.left(found.start(), "not_literal", found["name"]))
 
 
 def _read(reader: _Reader, events: list[re.Match[str]]) -> None:

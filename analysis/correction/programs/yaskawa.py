@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from analysis.correction.programs.machine import (
     OFF,
     Blocks,
+    Built,
     Call,
     Elsewhere,
     End,
@@ -136,7 +137,9 @@ def parse(texts: Texts) -> Parsed:
         family, _, number = part.partition("[")
         return number.rstrip("]") if family in ("USER", "TOOL") else OFF
 
-    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside)))
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), kept=("USER[", "TOOL["), cycles=True)
+    )
 
 
 def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
@@ -278,9 +281,12 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
     conditional = re.search(r"\bIF\b", call["rest"])
     if conditional:
         reader.blocks.branch()
-    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
-        reader.blocks.add(Lose("USER", reader.why(f"{call['job']} is called in another user frame")))
+    relative = re.search(r"\bUF#", call["rest"])  # a relative job, in the user frame of the call
+    if relative:
+        reader.blocks.add(Set("relative", reader.why(f"{call['job']} is called in another user frame")))
     reader.blocks.add(statement)
+    if relative:
+        reader.blocks.add(Set("relative", OFF))
     if conditional:
         reader.blocks.close()
 
@@ -291,6 +297,12 @@ def _mentioned(reader: _Reader, text: str) -> None:
         for found in _NAME.finditer(text):
             if reader.points.knows(reader.key(found[0])):
                 reader.points.change(reader.key(found[0]), 0, reader.line)
+
+
+def _unless_relative(values: tuple[Value, ...]) -> Value:
+    """Return the user frame of a position, unless the job runs in that of its call."""
+    frame, relative = values
+    return relative if isinstance(relative, Unknown) else frame
 
 
 def _move(reader: _Reader, move: re.Match[str]) -> None:
@@ -314,7 +326,9 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
-    frame = Ref(f"USER[{int(str(target.frame))}]") if str(target.frame).isdigit() else str(target.frame)
+    frame: str | Built = str(target.frame)
+    if frame.isdigit():
+        frame = Built((f"USER[{int(frame)}]", "relative"), _unless_relative)
     needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
     blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))

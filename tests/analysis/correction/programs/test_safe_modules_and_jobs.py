@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +65,11 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         _module(J0 + "go;\n", "PROC go()\nVAR tooldata t;\nt:=x;\nMoveJ {p1},v9,fine,t;\nENDPROC\n"),
         [(11, "unknown_tool")],
     ),
-    "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "not_understood")]),
+    "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "displaced")]),
     "a work object after a comma": (_module(J0 + "MoveL {p1},v9,fine,t,\\WObj:=wobj0;\n"), []),
     "a displacement": (_module(J0 + "PDispSet p;\n" + L1 + "PDispOff;\n" + L2), [(7, "displaced")]),
     "one from two points": (_module(J0 + "PDispOn\\Rot,pA,t;\n" + L1), [(7, "displaced")]),
-    "one in a branch": (_module(J0 + "IF a THEN\nPDispSet p;\nENDIF\n" + L1), [(9, "not_understood")]),
+    "one in a branch": (_module(J0 + "IF a THEN\nPDispSet p;\nENDIF\n" + L1), [(9, "displaced")]),
     "one that a routine sets": (
         _module(J0 + "SetDown;\n" + L1, "PROC SetDown()\nPDispSet p;\nENDPROC\n"), [(7, "displaced")]
     ),
@@ -103,9 +104,9 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "one that is not here": (_module("ConfL\\Off;\n" + J0 + "WriteBack;\n" + L1), [(8, "not_understood")]),
     "a line without configuration": (_module("ConfL\\Off;\n" + J0 + L0), []),
     "a trap": (
-        _module("CONNECT i WITH tr;\n" + J0 + L1, "TRAP tr\nPDispSet p;\nENDTRAP\n"), [(7, "not_understood")]
+        _module("CONNECT i WITH tr;\n" + J0 + L1, "TRAP tr\nPDispSet p;\nENDTRAP\n"), [(7, "displaced")]
     ),
-    "a handler": (_module(J0 + L1 + "ERROR\nPDispSet p;\nTRYNEXT;\n"), [(6, "not_understood")]),
+    "a handler": (_module(J0 + L1 + "ERROR\nPDispSet p;\nTRYNEXT;\n"), [(6, "displaced")]),
     "a handler that does nothing": (_module(J0 + L1 + "ERROR\nTPWrite \"x\";\nRETRY;\n"), []),
     "a routine of a module beside": (
         {**_module(J0 + "go;\n" + L1), "b.mod": "MODULE b\nPROC go()\nPDispOn\\Rot,p,t;\nENDPROC\nENDMODULE\n"},
@@ -157,9 +158,25 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "a task that sets others": (
         {**_module(J0 + L1), "b.mod": "MODULE b\nPROC main()\nPDispSet p;\nother;\nENDPROC\nENDMODULE\n"}, []
     ),
+    "a displacement that the next cycle has": (_module(J0 + L1 + "PDispSet p;\n"), [(6, "displaced")]),
+    "one that the program ends in": (
+        _module(J0 + L1 + "IF a THEN\nPDispSet p;\nExitCycle;\nENDIF\n"), [(6, "displaced")]
+    ),
+    "one that is off at the end": (_module(J0 + L1 + "PDispSet p;\nMoveAbsJ {q1},v9,fine,t;\nPDispOff;\n"), []),
+    "a tool that a routine which nobody calls sets": (
+        _module(J0 + L1, "PROC ev_start()\nt.tframe.trans.z:=100;\nENDPROC\n"), [(6, "unknown_tool")]
+    ),
+    "a tool that a routine of a module beside sets, which nobody calls": (
+        {**_module(J0 + L1), "b.mod": "MODULE b\nPROC calib()\nt.tframe:=x;\nENDPROC\nENDMODULE\n"},
+        [(6, "unknown_tool")],
+    ),
+    "a part of a tool that an instruction counts up": (_module(J0 + "Incr t.tframe.trans.z;\n" + L1), [(7, "unknown_tool")]),
+    "one that a function of the language writes": (
+        _module(J0 + 'ok:=StrToVal("1",t.tframe.trans.z);\n' + L1), [(7, "unknown_tool")]
+    ),
     "a procedure that a text names": (
         _module(J0 + 'MoveLSync {p1},v9,fine,t,"chg";\n' + L2, "PROC chg()\nPDispSet p;\nENDPROC\n"),
-        [(7, "not_understood")],
+        [(6, "not_understood"), (7, "not_understood")],
     ),
     "a point with an offset that is computed": (
         _module("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,h),v9,fine,t;\n", data="CONST robtarget p:={p1};"),
@@ -203,6 +220,17 @@ def _listing(*lines: str, head: str = "", name: str = "A") -> str:
     return f"/PROG  {name}\n{head}/MN\n" + "".join(f"{k:4d}:{line} ;\n" for k, line in enumerate(lines, start=1))
 
 
+def _selecting(*lines: str, head: str = "") -> str:
+    """A listing that selects the frame and the tool of each position before the move to it."""
+    frames = {"P[2]": "3", "P[3]": "3", "P[4]": "0"}
+    with_them: list[str] = []
+    for line in lines:
+        if (point := re.match(r"L (P\[\d\])", line)) and point[1] in frames:
+            with_them += [f"UFRAME_NUM={frames[point[1]]}", "UTOOL_NUM=1"]
+        with_them.append(line)
+    return _listing(*with_them, head=head)
+
+
 J1, L2_, L3_, L4_ = (
     "J P[1] 100% FINE",
     "L P[2] 200mm/sec FINE",
@@ -225,65 +253,91 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
         },
         [],
     ),
-    "a frame from a register": ({"a.ls": _listing(J1, "UFRAME[3]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]),
+    "a frame from a register": ({"a.ls": _selecting(J1, "UFRAME[3]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]),
     "a frame that the next cycle keeps": (
-        {"a.ls": _listing(J1, L2_, L4_, "UFRAME[3]=PR[5]")}, [("P[2]", "unknown_frame")]
+        {"a.ls": _selecting(J1, L2_, L4_, "UFRAME[3]=PR[5]")}, [("P[2]", "unknown_frame")]
     ),
-    "one whose numbers are known": ({"a.ls": _listing(*ZERO, "UFRAME[3]=PR[5]", J1, L2_)}, []),
-    "one of which some are": ({"a.ls": _listing(*ZERO[:5], "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]),
+    "one whose numbers are known": ({"a.ls": _selecting(*ZERO, "UFRAME[3]=PR[5]", J1, L2_)}, []),
+    "one of which some are": ({"a.ls": _selecting(*ZERO[:5], "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]),
     "one by a number in a register": (
-        {"a.ls": _listing(J1, "UFRAME[R[1]]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]
+        {"a.ls": _selecting(J1, "UFRAME[R[1]]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]
     ),
     "a tool from a register": (
-        {"a.ls": _listing(J1, "UTOOL[1]=PR[6]", L2_, L4_)}, [("P[2]", "unknown_tool"), ("P[4]", "unknown_tool")]
+        {"a.ls": _selecting(J1, "UTOOL[1]=PR[6]", L2_, L4_)}, [("P[2]", "unknown_tool"), ("P[4]", "unknown_tool")]
     ),
     "a frame in a branch": (
-        {"a.ls": _listing("IF R[1]=1,UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
+        {"a.ls": _selecting("IF R[1]=1,UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
     ),
     "a frame after a jump of a camera": (
-        {"a.ls": _listing("VISION GET_OFFSET 'V' VR[1] JMP LBL[1]", "UFRAME[3]=PR[5]", "LBL[1]", L2_)},
+        {"a.ls": _selecting("VISION GET_OFFSET 'V' VR[1] JMP LBL[1]", "UFRAME[3]=PR[5]", "LBL[1]", L2_)},
         [("P[2]", "unknown_frame")],
     ),
     "a frame after a jump": (
-        {"a.ls": _listing("LBL[1]", L2_, "UFRAME[3]=PR[5]", "JMP LBL[1]")}, [("P[2]", "unknown_frame")]
+        {"a.ls": _selecting("LBL[1]", L2_, "UFRAME[3]=PR[5]", "JMP LBL[1]")}, [("P[2]", "unknown_frame")]
     ),
-    "a system variable": ({"a.ls": _listing("$MNUFRAME[1,3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_tool")]),
+    "a system variable": ({"a.ls": _selecting("$MNUFRAME[1,3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_tool")]),
     "a program that sets a frame": (
-        {"a.ls": _listing("CALL B", J1, L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
+        {"a.ls": _selecting("CALL B", J1, L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
         [("P[2]", "unknown_frame")],
     ),
     "a program that is not here": (
-        {"a.ls": _listing("CALL B", J1, L2_)}, [("P[1]", "not_understood"), ("P[2]", "not_understood")]
+        {"a.ls": _selecting("CALL B", J1, L2_)}, [("P[1]", "not_understood"), ("P[2]", "not_understood")]
     ),
-    "a macro": ({"a.ls": _listing("Hand open", L2_)}, [("P[2]", "not_understood")]),
+    "a macro": ({"a.ls": _selecting("Hand open", L2_)}, [("P[2]", "not_understood")]),
     "one that runs beside": (
-        {"a.ls": _listing("RUN B", L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")}, [("P[2]", "unknown_frame")]
+        {"a.ls": _selecting("RUN B", L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")}, [("P[2]", "unknown_frame")]
     ),
     "a conveyor": (
-        {"a.ls": _listing(J1, L2_, head="/APPL\n  LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUM : 1;\n")},
+        {"a.ls": _selecting(J1, L2_, head="/APPL\n  LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUM : 1;\n")},
         [("P[1]", "tracked"), ("P[2]", "tracked")],
     ),
     "an offset": (
-        {"a.ls": _listing(L2_, L3_ + " Offset,PR[3]", L4_ + " Tool_Offset,PR[4]")},
+        {"a.ls": _selecting(L2_, L3_ + " Offset,PR[3]", L4_ + " Tool_Offset,PR[4]")},
         [("P[3]", "offset"), ("P[4]", "offset")],
     ),
-    "an offset of nothing": ({"a.ls": _listing(*ZERO, L2_ + " Offset,PR[5]", L2_)}, []),
+    "an offset of nothing": ({"a.ls": _selecting(*ZERO, L2_ + " Offset,PR[5]", L2_)}, []),
     "an offset that is far": (
-        {"a.ls": _listing(*ZERO, "PR[5,3]=100", L2_ + " Offset,PR[5]", L2_)}, [("P[2]", "offset")]
+        {"a.ls": _selecting(*ZERO, "PR[5,3]=100", L2_ + " Offset,PR[5]", L2_)}, [("P[2]", "offset")]
     ),
-    "an external tool": ({"a.ls": _listing(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
-    "another robot": ({"a.ls": _listing(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
-    "an option that is not known": ({"a.ls": _listing(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
-    "a point that is written": ({"a.ls": _listing("P[2,3]=100", L2_, L4_)}, [("P[2]", "changed")]),
+    "an external tool": ({"a.ls": _selecting(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
+    "another robot": ({"a.ls": _selecting(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
+    "an option that is not known": ({"a.ls": _selecting(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
+    "a point that is written": ({"a.ls": _selecting("P[2,3]=100", L2_, L4_)}, [("P[2]", "changed")]),
     "a point that a register names": (
-        {"a.ls": _listing("P[R[1]]=LPOS", L2_, L4_)}, [(f"P[{k}]", "changed") for k in (1, 2, 3, 4)]
+        {"a.ls": _selecting("P[R[1]]=LPOS", L2_, L4_)}, [(f"P[{k}]", "changed") for k in (1, 2, 3, 4)]
     ),
     "a call along the way": (
-        {"a.ls": _listing(L2_ + " TB .10sec,CALL B", L3_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
+        {"a.ls": _selecting(L2_ + " TB .10sec,CALL B", L3_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
         [("P[2]", "unknown_frame"), ("P[3]", "unknown_frame")],
     ),
-    "an output along the way": ({"a.ls": _listing(L2_ + " TA .10sec,DO[1]=ON", L3_)}, []),
-    "a way that is left": ({"a.ls": _listing(L2_ + " Skip,LBL[1]", "LBL[1]", L3_)}, []),
+    "an output along the way": ({"a.ls": _selecting(L2_ + " TA .10sec,DO[1]=ON", L3_)}, []),
+    "no frame selected": ({"a.ls": _listing("UTOOL_NUM=1", J1, L2_)}, [("P[2]", "selected")]),
+    "no tool selected": ({"a.ls": _listing("UFRAME_NUM=3", J1, L2_)}, [("P[2]", "selected")]),
+    "another frame selected": (
+        {"a.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM=1", J1, L2_, L4_)}, [("P[4]", "selected")]
+    ),
+    "a frame selected by a register": (
+        {"a.ls": _listing("UFRAME_NUM=R[1]", "UTOOL_NUM=1", J1, L2_)}, [("P[2]", "selected")]
+    ),
+    "a frame selected on one way": (
+        {"a.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM=1", "IF R[1]=1,UFRAME_NUM=4", J1, L2_)}, [("P[2]", "selected")]
+    ),
+    "a frame selected by a program": (
+        {"a.ls": _listing("CALL B", J1, L2_), "b.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM[GP1]=1", name="B")}, []
+    ),
+    "another group's frame selected": (
+        {"a.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM=1", "UFRAME_NUM[GP2]=4", J1, L2_)}, []
+    ),
+    "a frame selected by a system variable": (
+        {"a.ls": _listing("UFRAME_NUM=3", "UTOOL_NUM=1", "$MNUFRAMENUM[1]=4", J1, L2_)}, [("P[2]", "selected")]
+    ),
+    "a frame that a program that nobody calls sets": (
+        {"a.ls": _selecting(J1, L2_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")}, [("P[2]", "unknown_frame")]
+    ),
+    "a frame by a register that the next cycle keeps": (
+        {"a.ls": _selecting(J1, L2_, "UFRAME[R[1]]=PR[5]")}, [("P[2]", "unknown_frame")]
+    ),
+    "a way that is left": ({"a.ls": _selecting(L2_ + " Skip,LBL[1]", "LBL[1]", L3_)}, []),
 }  # fmt: skip
 
 
@@ -332,12 +386,16 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
     ),
     "a shift": ({"a.jbi": _job(M1, "SFTON P001", M2, "SFTOF", M3)}, [(11, "displaced")]),
     "a shift in a job that is called": (
-        {"a.jbi": _job(M1, "CALL JOB:B", M2), "b.jbi": _job("SFTON P001", name="B", pos=BARE)}, [(11, "displaced")]
+        {"a.jbi": _job(M1, "CALL JOB:B", M2, "SFTOF"), "b.jbi": _job("SFTON P001", name="B", pos=BARE)},
+        [(11, "displaced")],
     ),
     "a shift on one way": (
-        {"a.jbi": _job(M1, "JUMP *ON IF IN#(1)=ON", "SFTON P001", "*ON", M2)}, [(11, "not_understood")]
+        {"a.jbi": _job(M1, "JUMP *ON IF IN#(1)=ON", "SFTON P001", "*ON", M2, "SFTOF")}, [(11, "displaced")]
     ),
-    "a job that is not here": ({"a.jbi": _job(M1, "CALL JOB:B", M2)}, [(11, "not_understood")]),
+    "a shift that the next cycle has": ({"a.jbi": _job(M1, "SFTON P001")}, [(10, "displaced")]),
+    "a job that is not here": (
+        {"a.jbi": _job(M1, "CALL JOB:B", M2)}, [(10, "not_understood"), (11, "not_understood")]
+    ),
     "a relative job": (
         {"a.jbi": _job(M1, "CALL JOB:B UF#(5)") + _job(M1, M3, name="B")}, [(33, "unknown_frame")]
     ),
@@ -348,15 +406,20 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
     "a conveyor": ({"a.jbi": _job(M1, "SYSTART CV#(1)", M2, "SYEND CV#(1)", M3)}, [(11, "tracked")]),
     "another robot": ({"a.jbi": _job(M1, "SMOVL C00002 V=100.0")}, [(11, "coordinated")]),
     "an option that is not known": ({"a.jbi": _job(M1, M2 + " MAGIC")}, [(11, "not_understood")]),
-    "an instruction that is not known": ({"a.jbi": _job(M1, "MAGIC", M2)}, [(11, "not_understood")]),
+    "an instruction that is not known": (
+        {"a.jbi": _job(M1, "MAGIC", M2)}, [(10, "not_understood"), (11, "not_understood")]
+    ),
+    "a frame that the next cycle keeps": (
+        {"a.jbi": _job(M1, M3, "MFRAME UF#(4) P001 P002 P003")}, [(10, "unknown_frame")]
+    ),
     "a position that is used otherwise": ({"a.jbi": _job(M1, "GETE D000 C00001 (1)", M2)}, [(10, "changed")]),
     "a job beside": (
         {"a.jbi": _job("PSTART JOB:B", M1), "b.jbi": _job("MFRAME UF#(4) P001 P002 P003", name="B", pos=BARE)},
         [(10, "unknown_frame")],
     ),
     "two jobs in a file": (
-        {"a.jbi": _job(M1, "CALL JOB:B", M2) + _job(M1, "SFTON P001", M2, name="B")},
-        [(11, "displaced"), (35, "displaced")],
+        {"a.jbi": _job(M1, "CALL JOB:B", M2, "SFTOF") + _job(M1, "SFTON P001", M2, name="B")},
+        [(11, "displaced"), (36, "displaced")],
     ),
 }  # fmt: skip
 

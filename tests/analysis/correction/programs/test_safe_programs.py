@@ -98,6 +98,12 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a tool that a loop changes": (
         TCP + "movej({q0})\nwhile a:\nmovel({p1})\n" + OTHER + "end\n", [(4, "unknown_tool")]
     ),
+    "a tool that the next run of the script begins with": (
+        "movej({q0})\nmovel({p1})\n" + OTHER, [(2, "unknown_tool")]
+    ),
+    "numbers that become a part of a struct": (
+        TCP + "w=struct(pose={p1})\nmovej({q0})\nw.pose = {p2}\nmovel(w.pose)\n", [(4, "not_literal"), (5, "computed")]
+    ),
     "a computed tool": ("set_tcp(pose_add(a, b))\nmovej({q0})\nmovel({p1})\n", [(3, "unknown_tool")]),
     "a tool in a variable": ("t = p[0,0,0.145,0,0,0]\nset_tcp(t)\nmovej({q0})\nmovel({p1})\n", []),
     "a tool in a variable that is written": (
@@ -193,9 +199,9 @@ def test_urscript_calls_are_calls_whatever_they_are_called(name: str, tmp_path: 
 
 
 def test_a_stated_tool_that_the_program_sets_otherwise_is_said(tmp_path: Path) -> None:
-    rig, files = _ur({"a.script": "movej({q0})\nmovel({p1})\n" + OTHER + "movel({p2})\n"})
+    rig, files = _ur({"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"})
     found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
-    assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 3)]
+    assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 2)]
     same = corrected_files(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"])
     assert not same.overruled
 
@@ -341,7 +347,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
             "LIN {p1}\nEND\n",
             "a.dat": "DEFDAT a\nDECL LDAT L1={VEL 2.0,ACC 100.0,ORI_TYP #CONSTANT,CIRC_TYP #BASE}\nENDDAT\n",
         },
-        [(9, "not_understood")],
+        [(9, "switched")],
     ),
     "one with a motion": (
         {"a.src": HEAD + "PTP {q0}\nSLIN {p1} WITH $ORI_TYPE=#CONSTANT\nPTP {p1}\nSLIN {p1}\nEND\n"}, [(5, "switched")]

@@ -166,18 +166,22 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
 /MN\r
    1:  !J P[1] 100% FINE ;\r
    2:  UFRAME_NUM=0 ;\r
+   2:  UTOOL_NUM=1 ;\r
    3:J P[1] 100% FINE    ;\r
    4:L P[2:"PICK"] 200mm/sec FINE    ;\r
    5:  //L P[2] 200mm/sec CNT50 ;\r
    6:L P[2:"PICK"] 50mm/sec FINE Offset,PR[5]    ;\r
+   7:  UFRAME_NUM=3 ;\r
    7:C P[3]    \r
     :  P[4] 100mm/sec CNT100    ;\r
+   8:  UFRAME_NUM=0 ;\r
    8:L P[5] 100mm/sec FINE INC    ;\r
    9:L PR[7] 100mm/sec FINE    ;\r
   10:L P[R[3]] 100mm/sec FINE    ;\r
   11:  MESSAGE[P[4] X = 3.0 mm] ;\r
   12:J P[6] 20% FINE    ;\r
   13:L P[7] 20mm/sec FINE    ;\r
+  14:  UTOOL_NUM=2 ;\r
   14:L P[8] 20mm/sec FINE    ;\r
 /POS\r
 {points}\r
@@ -216,7 +220,7 @@ def test_fanuc(tmp_path: Path) -> None:
     points = [
         fanuc_point(1, fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
         fanuc_point(2, poses[1], "UF : 0, UT : 1,"),
-        fanuc_point(3, poses[2], "UF : 0, UT : 1,"),
+        fanuc_point(3, fanuc_pose(rig, FANUC[2], FANUC_USER), "UF : 3, UT : 1,"),
         fanuc_point(4, fanuc_pose(rig, FANUC[3], FANUC_USER), "UF : 3, UT : 1,"),
         fanuc_point(5, poses[1], "UF : 0, UT : 1,"),
         fanuc_point(6, fanuc_joints(FANUC[0]) + ",\r\n\tE1=   100.000  mm", "UF : 0, UT : 1,\t"),
@@ -237,9 +241,9 @@ def test_fanuc(tmp_path: Path) -> None:
     assert _changed(given, data) == rows
     assert [len(line) for line in lines] == [len(line) for line in _lines(given)]  # the columns stand as they stood
     assert _why(found) == [
-        (15, "relative"),
-        (16, "computed"),
-        (17, "computed"),
+        (18, "relative"),
+        (19, "computed"),
+        (20, "computed"),
         (at[2] + 1, "offset"),  # its register stands in the controller
         (at[5] + 1, "changed"),
         (at[6] + 1, "external_axes"),
@@ -251,7 +255,7 @@ def test_fanuc(tmp_path: Path) -> None:
     for number, k in ((3, 2), (4, 3)):
         x, y, z, w, p, r = (value for row in lines[at[number] + 3 : at[number] + 5] for value in _values(row))
         X = frame((x, y, z), Rotation.from_euler("xyz", (w, p, r), degrees=True))
-        flange = (FANUC_USER if number == 4 else base) @ X @ np.linalg.inv(FANUC_TOOL)
+        flange = FANUC_USER @ X @ np.linalg.inv(FANUC_TOOL)
         # What is left is of the three decimals that a controller prints, in the given program and in the new one.
         assert _left_mm(rig, flange, FANUC[k], FANUC_TOOL) < 0.02
     assert 1 < found.rounded_um.max() < 20 and found.moved_mm.min() > 0.1
@@ -442,6 +446,9 @@ MODULE MainModule\r
     IF diPart=1 THEN\r
       Place;\r
     ENDIF\r
+  ENDPROC\r
+  PROC Place()\r
+    Reset doGrip;\r
   ENDPROC\r
 ENDMODULE\r
 """
