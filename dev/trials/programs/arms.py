@@ -37,6 +37,8 @@ POSTURE_DEG = {
 }
 """The middle of the drawn targets: far from singular, every axis off its zero."""
 _ZEROS_DEG = (0.0, 0.06, -0.05, 0.07, -0.06, 0.04)
+_NEARLY_BACK = 0.9
+"""The cosine of half a turn has no sine that says its axis; steps that large are few."""
 _A3_MM, _GEAR_DEG = 0.4, 0.03
 _FOUND = Found(
     date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": 1e-3, "delta": 0.01, "amplitude_deg": 5e-4}
@@ -116,7 +118,9 @@ def chain(arm: Constants, q: Array) -> tuple[Array, Array]:
             ]
         )
         axes[k], places[k] = T[:3, 2], T[:3, 3]
-    motions = np.vstack([np.cross(axes, T[:3, 3] - places).T, axes.T]) @ arm.coupling
+    x, y, z = axes.T
+    dx, dy, dz = (T[:3, 3] - places).T
+    motions = np.array([y * dz - z * dy, z * dx - x * dz, x * dy - y * dx, x, y, z]) @ arm.coupling
     return T, motions
 
 
@@ -132,13 +136,22 @@ def links(arm: Constants, q: Array) -> list[Array]:
     return frames
 
 
+def _turn(R: Array) -> Array:
+    """Return the rotation vector (3,) rad of a rotation matrix (3, 3)."""
+    twice = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine, cosine = float(np.sqrt(twice @ twice)) / 2, (float(R[0, 0] + R[1, 1] + R[2, 2]) - 1) / 2
+    if cosine < -_NEARLY_BACK:
+        vector: Array = Rotation.from_matrix(R).as_rotvec()
+        return vector
+    return twice / 2 * (np.arctan2(sine, cosine) / sine if sine > 0 else 1.0)
+
+
 def solved(arm: Constants, F: Array, q: Array) -> Array | None:
     """Return joint angles (6,) rad near q for a flange F (4, 4), or None where Newton's steps do not end."""
     q = q.copy()
     for _ in range(30):
         T, motions = chain(arm, q)
-        turn = F[:3, :3] @ T[:3, :3].T
-        error = np.concatenate([F[:3, 3] - T[:3, 3], Rotation.from_matrix(turn).as_rotvec()])
+        error = np.concatenate([F[:3, 3] - T[:3, 3], _turn(F[:3, :3] @ T[:3, :3].T)])
         if np.abs(error[:3]).max() < 1e-7 and np.abs(error[3:]).max() < 1e-10:
             return q
         try:

@@ -185,6 +185,8 @@ class Machine:
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
         self.robot = Robot("fanuc", cell("fanuc"), world, ways)
+        self.unchecked = bool(world.seed % 2)
+        """Whether the controller's check of frame numbers is off ($FRM_CHKTYP): it drives in the selected ones."""
         self.uf: int | None = None
         self.ut: int | None = None
         self.frames: dict[tuple[str, int], Array] = {}
@@ -299,8 +301,8 @@ class Machine:
         src = position.src | {place}
         for name, wanted in (("uf", position.uf), ("ut", position.ut)):
             if getattr(self, name) is None and wanted is not None:
-                setattr(self, name, wanted)
-            if wanted is not None and wanted != getattr(self, name):
+                setattr(self, name, int(self.world.number(name, 1, 3)) if self.unchecked else wanted)
+            if wanted is not None and wanted != getattr(self, name) and not self.unchecked:
                 raise Ended
         tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
         relative, offset, tool_offset = self._options(text)

@@ -8,6 +8,7 @@ import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -201,12 +202,18 @@ class Program:
         return [Do(place, lambda m: m.instruction(line.text, line))]
 
 
+@lru_cache(maxsize=4096)
+def _tree(text: str) -> Tree:
+    """Return the tree of an expression, read once however many ways are driven."""
+    return KRL.tree(KRL.tokens(text))
+
+
 def _valued(text: str, line: _Line) -> Any:
     text = text.strip()
     if not text:
         return None
     try:
-        tree = KRL.tree(KRL.tokens(text))
+        tree = _tree(text)
     except NotUnderstood:
         return lambda m: (m.world.number(text), _NOWHERE)
     return lambda m: m.evaluate(tree, line)
@@ -247,7 +254,7 @@ class Machine:
         found = re.match(r"(?i)(?:\w+\s+)?(\$?[A-Za-z_]\w*(?:\[\s*\d+\s*\])?)\s*=\s*(.*)$", text)
         if found:
             try:
-                value = self.evaluate(KRL.tree(KRL.tokens(found[2])), line)
+                value = self.evaluate(_tree(found[2]), line)
             except NotUnderstood:
                 return
             self.scopes[-1][found[1].upper().replace(" ", "")] = copy.deepcopy(value)
@@ -274,7 +281,7 @@ class Machine:
         if self._assigned(text, line):
             return
         try:
-            tree = KRL.tree(KRL.tokens(text))
+            tree = _tree(text)
         except NotUnderstood:
             tree = ("name", word)
         if tree[0] == "call":
@@ -450,7 +457,7 @@ class Machine:
         state = {name: self._read(name)[0] for name in ("$TOOL", "$BASE", "$IPO_MODE")}
         for name in state:
             if found := re.search(re.escape(name) + r"\s*=\s*([^,]+(?:\([^)]*\))?)", settings, re.I):
-                state[name] = self.evaluate(KRL.tree(KRL.tokens(found[1])), line)[0]
+                state[name] = self.evaluate(_tree(found[1]), line)[0]
         tokens = KRL.tokens(text)
         for k in range(2 if word in ("CIRC", "SCIRC") else 1):
             if k:
