@@ -18,6 +18,7 @@ from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
+from analysis.correction.programs.remark import with_remark
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import Support
 from analysis.correction.target_path import corrected_columns
@@ -277,7 +278,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     if found.path:
         given_path, given, targets = found.path
         files[f"corrected-{given_path.name}"] = partial(
-            write_csv, corrected_columns(given, targets, ANYWAY if why_nothing(found.rig) else "")
+            write_csv, corrected_columns(given, targets, ANYWAY if why else "")
         )
     for program in found.programs:
         for name, data in ({} if program.held else program.files).items():
@@ -285,5 +286,5 @@ def write(found: Corrections, directory: Path) -> list[Path]:
                 raise FileError(
                     name, "would be written twice", "correct programs of one name into directories of their own"
                 )
-            files[name] = holding(data)
+            files[name] = holding(with_remark(name, data, ANYWAY) if why else data)
     return write_all_new(directory, files)

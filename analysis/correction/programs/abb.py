@@ -71,9 +71,7 @@ def parse(texts: Texts) -> Parsed:
         return "on" if kind == "conf" else OFF
 
     return reader.points.parsed(
-        Program(
-            reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "), cycles=True
-        )
+        Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "), cycles=True)
     )
 
 

@@ -382,14 +382,8 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         _handed(reader, found.start("rest"), end)
     elif move := _MOVE.fullmatch(found["name"]):
         _move(reader, at, found, move)
-    elif name in ("confl", "confj"):
-        off = re.search(r"\\\s*Off\b", found["rest"], re.IGNORECASE)
-        blocks.add(Set(f"conf {name[-1]}", "off" if off else "on"))
-    elif name == "singarea":
-        lock = re.search(r"\\\s*LockAxis4\b", found["rest"], re.IGNORECASE)
-        blocks.add(Set("switch", "on" if lock else OFF))
-    elif name in _SWITCHES:
-        blocks.add(Set(*_SWITCHES[name]))
+    elif switch := _switch(name, found["rest"]):
+        blocks.add(switch)
     elif name == "goto":
         blocks.add(Jump((found["rest"].strip().lower(),)))
     elif name in ("return", "exit", "exitcycle"):
@@ -401,6 +395,17 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         _handed(reader, found.start("rest"), end)  # Incr, Add, UnpackRawBytes and others write what they are given
     else:
         blocks.add(Forget(reader.why(at, f"{found['name']} is not known here")))
+
+
+def _switch(name: str, rest: str) -> Set | None:
+    """Return what an instruction switches, if it does."""
+    if name in ("confl", "confj"):
+        off = re.search(r"\\\s*Off\b", rest, re.IGNORECASE)
+        return Set(f"conf {name[-1]}", "off" if off else "on")
+    if name == "singarea":
+        lock = re.search(r"\\\s*LockAxis4\b", rest, re.IGNORECASE)
+        return Set("switch", "on" if lock else OFF)
+    return Set(*_SWITCHES[name]) if name in _SWITCHES else None
 
 
 def _assigned(reader: Reader, begin: int, found: re.Match[str]) -> None:

@@ -422,7 +422,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
         for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
     )
     needs = ("tracking", "option here", *parts)
-    for part, number in (() if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool))):
+    for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
         blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
         needs += (f"selected {part}{HERE}",)
     missing = _offset(reader, offset[0]) if offset else None

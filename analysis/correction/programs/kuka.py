@@ -82,7 +82,9 @@ def parse(texts: Texts) -> Parsed:
         return "checked" if part == LINES else OFF
 
     return reader.points.parsed(
-        Program(reader.routines, initial, tuple(reader.beside), kept=("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"))
+        Program(
+            reader.routines, initial, tuple(reader.beside), kept=("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp")
+        )
     )
 
 

@@ -323,10 +323,9 @@ class _Machine:
                 return replace(state, stands=frozenset({key}))
             case Call(name, why):
                 return self._called(name, why, state)
-            case End(halts=True):
-                self.halted.append(state)
-                return state
             case _:
+                if isinstance(statement, End) and statement.halts:
+                    self.halted.append(state)
                 return state
 
     def _called(self, name: str, why: Unknown, state: State) -> State | None:

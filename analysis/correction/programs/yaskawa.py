@@ -326,9 +326,8 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
-    frame: str | Built = str(target.frame)
-    if frame.isdigit():
-        frame = Built((f"USER[{int(frame)}]", "relative"), _unless_relative)
+    user = str(target.frame)
+    frame = Built((f"USER[{int(user)}]", "relative"), _unless_relative) if user.isdigit() else user
     needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
     blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))

@@ -60,12 +60,15 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
         ran("program", cell, "--for", "ur", "--test", "radial", "--targets", "-o", tmp_path / "nominal").returncode == 0
     )
     path = tmp_path / "nominal" / "radial-path.csv"
-    done = ran("correct", cell, "--path", path, "-o", out, "--anyway")
+    own = tmp_path / "own.script"
+    own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
+    done = ran("correct", cell, "--path", path, "--program", own, "-o", out, "--anyway")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Against the verdict: correct nothing by this model: where it had no part")
     text = (out / "corrections.yaml").read_text()
     assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: correct nothing" in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
+    assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
     table = out / "corrected-radial-path.csv"
     assert {row["against_verdict"] for row in _corrected(table)} == {ANYWAY}
 
