@@ -170,7 +170,7 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         {**_module(J0 + L1), "b.mod": "MODULE b\nPROC calib()\nt.tframe:=x;\nENDPROC\nENDMODULE\n"},
         [(6, "unknown_tool")],
     ),
-    "a part of a tool that an instruction counts up": (_module(J0 + "Incr t.tframe.trans.z;\n" + L1), [(7, "unknown_tool")]),
+    "a part of a tool that is counted up": (_module(J0 + "Incr t.tframe.trans.z;\n" + L1), [(7, "unknown_tool")]),
     "one that a function of the language writes": (
         _module(J0 + 'ok:=StrToVal("1",t.tframe.trans.z);\n' + L1), [(7, "unknown_tool")]
     ),
