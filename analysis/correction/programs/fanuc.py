@@ -9,7 +9,7 @@ controller. A listing is one program; those beside it are followed where it call
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -378,8 +378,13 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
         reader.blocks.close()
 
 
-def _offset(reader: _Reader, text: str) -> tuple[str, Value | Built]:
-    """Return the offset of a move: a register, in the user frame or in the tool."""
+def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] | None:
+    """Return the offset of a move: a register, in the user frame or in the tool; None for a move without one."""
+    if not texts:
+        return None
+    if len(texts) > 1:
+        return "frame", reader.why("the move has several offsets")
+    (text,) = texts
     why = reader.why("the offset stands in the controller")
     register = re.fullmatch(r"(Tool_)?Offset\s*,\s*(.*)", text, re.IGNORECASE)
     if register is None:
@@ -395,7 +400,7 @@ def _selected(number: str, values: tuple[Value, ...]) -> Value:
 
 def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
-    offset = _OFFSET.search(rest)
+    offset = _OFFSET.findall(rest)
     relative = re.search(r"\bINC\b", rest, re.IGNORECASE)
     if point is None or reader.file or not reader.points.knows(point[1]):
         if not text.startswith("PR") and (offset or relative):
@@ -425,7 +430,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
         blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
         needs += (f"selected {part}{HERE}",)
-    missing = _offset(reader, offset[0]) if offset else None
+    missing = _offset(reader, offset)
     way = "joint" if kind == "J" else "line"
     key = f"{point[1]}@{line}" if offset else point[1]
     base = point[1] if offset else ""

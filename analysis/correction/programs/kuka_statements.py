@@ -255,6 +255,8 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
         return
     blocks = reader.blocks
     if blocks is None:
+        if _MOVE.fullmatch(line) or _BARE.fullmatch(line):
+            _list(reader, file, begin, "not_understood", line)  # no routine has it, so nobody knows when it runs
         return
     word = (_WORD.match(line.strip()) or [""])[0].upper()
     if word in ("END", "ENDFCT"):

@@ -299,6 +299,9 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "an offset that is far": (
         {"a.ls": _selecting(*ZERO, "PR[5,3]=100", L2_ + " Offset,PR[5]", L2_)}, [("P[2]", "offset")]
     ),
+    "an offset beside one that is known": (
+        {"a.ls": _selecting(*ZERO, L2_ + " Offset,PR[5] Tool_Offset,PR[6]", L2_)}, [("P[2]", "offset")]
+    ),
     "an external tool": ({"a.ls": _selecting(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
     "another robot": ({"a.ls": _selecting(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
     "an option that is not known": ({"a.ls": _selecting(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),

@@ -349,6 +349,9 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         },
         [(9, "switched")],
     ),
+    "moves that no routine has": (
+        {"a.src": "PTP {q0}\nLIN {p1}\n"}, [(1, "not_understood"), (2, "not_understood")]
+    ),
     "one with a motion": (
         {"a.src": HEAD + "PTP {q0}\nSLIN {p1} WITH $ORI_TYPE=#CONSTANT\nPTP {p1}\nSLIN {p1}\nEND\n"}, [(5, "switched")]
     ),
