@@ -293,7 +293,12 @@ def _ur10(series: str, every: int) -> Callable[[Path, Path], bool]:
 
 
 def _ur5(directory: Path, data: Path) -> bool:
-    """Every tenth pose of the grid of the real UR5, and its random poses."""
+    return import_ur5(directory, data, np.zeros(3))
+
+
+def import_ur5(directory: Path, data: Path, off_mm: Any) -> bool:
+    """Every tenth pose of the grid of the real UR5 as the run `used`, and its random poses, whose places are off by
+    `off_mm` (3,) or (20, 3), as `left`; False where the data are not there."""
     if not (data / "jacobi" / "ur5_grid.csv").is_file():
         return False
     rig = yaml.safe_load(load("ur10")[1]) | {"name": "ur5"}
@@ -306,6 +311,7 @@ def _ur5(directory: Path, data: Path) -> bool:
         column = {key.lower(): rows[key] for key in rows.dtype.names}
         q = np.stack([column[f"joint_{k}"] for k in range(1, 7)], axis=1)
         xyz = np.stack([column[f"{axis}_t"] - column[f"{axis}_dif"] for axis in "xyz"], axis=1)
+        xyz += off_mm if run == "left" else 0.0
         _import_poses(directory, run, q, xyz, str(directory / "ur5.yaml"))
     return True
 
