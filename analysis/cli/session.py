@@ -16,7 +16,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
-from rigs.schema.vocabulary import Maker, maker_of
+from rigs.schema.vocabulary import Maker
 from rigs.text import plain
 
 if TYPE_CHECKING:
@@ -91,9 +91,9 @@ def session(
     for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
         if is_given and not emulated:
             raise UseError(option, "is allowed only with --emulated", "add --emulated")
-    controller = maker or maker_of(rig.feedback.interface)
+    controller = maker or rig.maker
     if controller is None:
-        raise UseError("--for", "is not given, and the feedback does not name the maker", "give --for")
+        raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
     from analysis.session.run import Asked, run_session  # noqa: PLC0415
 
     asked = Asked(

@@ -35,7 +35,8 @@ class ActWords:
     def sentence(self, act: Act) -> str:
         """An act in full: what to do, what that removes, and what speaks against it."""
         against = self.against(act)
-        return " ".join(filter(None, [self.what(act), self.removes(act), f"({against})" if against else ""]))
+        said = " ".join(filter(None, [self.what(act), self.removes(act)]))
+        return f"{said.removesuffix('.')} ({against})." if against else said
 
     def what(self, act: Act) -> str:
         """What to do, as a sentence."""

@@ -146,7 +146,7 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": self._joint(axis) if axis else ""})
 
     def _joint(self, axis: int) -> str:
-        return self.texts("joint_of", axis=axis, name=self.found.rig.robot.axes[axis - 1].name)
+        return self.texts.axis(self.found.rig.robot, axis)
 
     def _condition(self) -> str:
         """What these runs do not show, or that nothing was found; empty where faults say it all."""
