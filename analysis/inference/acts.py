@@ -107,7 +107,10 @@ class Act:
         return plain | {"effect": label_of(self.effect) if self.effect else None}
 
 
-def is_done(kind: str, why: str) -> bool:
+def is_done(kind: str, why: str, *, entered: bool = False) -> bool:
     """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
-    another place as well."""
-    return kind in ("load", "enter", "approach") or (kind, why) == ("measure", "elsewhere")
+    another place as well.
+
+    entered: its values were entered at the controller, and zeros with them: who re-masters as well corrects twice."""
+    corrected = ("load", "enter", "approach", *(("remaster",) if entered else ()))
+    return kind in corrected or (kind, why) == ("measure", "elsewhere")

@@ -208,7 +208,7 @@ class AnswerWords:
             odds = self.found.effects[part.index].posterior
             said = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
         beside = ", ".join(filter(None, said))
-        return f"{self.part_name(part)} ({beside})" if beside else self.part_name(part)
+        return f"{self._part_name(part)} ({beside})" if beside else self._part_name(part)
 
     def _listed(self, said: Sequence[str]) -> str:
         more = [self.texts("and_more", count=len(said) - _MOST_NAMED)] if len(said) > _MOST_NAMED else []

@@ -285,7 +285,9 @@ class Session(Part):
         answer = self.answer
         if answer is None:
             return ()
-        said = tuple(one.words for one in answer.acts if not (self.is_corrected and is_done(one.kind, one.why)))
+        entered = self.correction is not None and self.correction.way == "entries"
+        done = [self.is_corrected and is_done(one.kind, one.why, entered=entered) for one in answer.acts]
+        said = tuple(one.words for one, is_over in zip(answer.acts, done, strict=True) if not is_over)
         return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:

@@ -67,7 +67,7 @@ def _text(page: str) -> str:
 def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
     text = _text(page)
     first = text[text.index("Verdict") :][:1500]
-    play = r"play of axis 1 \(base\), less what cancels some of it \(0\.00(79|80)\d* ± 0\.000[01]\d* °"
+    play = r"play of axis 1 \(base\) \(0\.00(79|80)\d* ± 0\.000[01]\d* °"
     assert re.search(rf"Condition: .*?% of the error comes from {play}", first)
     assert "Then, in this order" in first and "how the joint came" not in first
     headings = ("Condition:", "Accuracy:", "Next:", "What makes the error", "Figures against their limits", "Trace")
