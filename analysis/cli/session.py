@@ -38,7 +38,9 @@ def session(
             "lasts; check: the circle alone, and no correction."
         ),
     ] = "faults",
-    maker: Annotated[Maker | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")] = None,
+    maker: Annotated[
+        Maker | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
+    ] = None,
     directory: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),

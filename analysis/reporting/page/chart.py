@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.reporting.texts import Texts
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """What a line stands for; it decides colour, dash and symbol alike, since no meaning hangs on colour alone."""
@@ -155,7 +156,7 @@ class SphereChart:
 Picture = Chart | SphereChart
 
 
-def marks_of(turns: Sequence[tuple[float, int]]) -> tuple[Mark, ...]:
+def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ...]:
     """A mark where each axis (angle in degrees, number) turns back; of near ones the first bears the numbers of all."""
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
@@ -163,7 +164,7 @@ def marks_of(turns: Sequence[tuple[float, int]]) -> tuple[Mark, ...]:
             groups[-1].append(turn)
         else:
             groups.append([turn])
-    names = [", ".join(str(axis) for _, axis in group) for group in groups]
+    names = [texts("marked", axes=", ".join(str(axis) for _, axis in group)) for group in groups]
     return tuple(
         Mark(at_deg, name if place == 0 else "")
         for group, name in zip(groups, names, strict=True)

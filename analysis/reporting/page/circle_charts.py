@@ -23,7 +23,7 @@ _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     """The error of the angle and of the distance, along the circle and around it."""
     test = group[0].test
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
     charts = []
     for frame in _FRAMES:
         for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
@@ -51,7 +51,7 @@ def _line(group: Sequence[Result], direction: Role, part: str, texts: Texts) -> 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     """Each joint's angle over the circle, less its mean, from the first run's own feedback."""
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
     found = next(one.found for one in group if isinstance(one.found, CircleResult))
     robot = group[0].measured.rig.robot
     lap = found.laps.first
