@@ -83,10 +83,10 @@ def _models(directory: Path) -> list[str]:
 
 def _row(arm: Arm, said: list[str], found: dict[str, Any]) -> str:
     first = " ".join(" ".join(said[:3]).split())
-    gap = found["gap"].get("unseen") or found["gap"].get("held_out") or found["gap"]["train"]
+    judged = found["accuracy"]
     acts = found["acts"]
     act = f"{acts[0]['kind']} ({acts[0]['why']}) {acts[0]['effect'] or ''}".strip() if acts else "–"
-    return f"| {arm.name} | {arm.judge} | {first} | {act} | {gap['before'] / 1e3:.3f} → {gap['calibrated'] / 1e3:.3f} |"
+    return f"| {arm.name} | {arm.judge} | {first} | {act} | {judged['before_there_um'] / 1e3:.3f} → {judged['calibrated_um'] / 1e3:.3f} |"
 
 
 def _rig(directory: Path, *words: str, fails: bool = False) -> str:

@@ -65,7 +65,8 @@ class ActWords:
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
-        return "; ".join(self._against(act, one) for one in act.against)
+        own = [one for one in act.against if not (one.why == "no_place" and act.test is None)]  # its own words say that
+        return "; ".join(self._against(act, one) for one in own)
 
     def members(self, members: Sequence[Member]) -> str:
         """What a group may be, each with its odds."""
