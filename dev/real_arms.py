@@ -86,7 +86,8 @@ def _row(arm: Arm, said: list[str], found: dict[str, Any]) -> str:
     judged = found["accuracy"]
     acts = found["acts"]
     act = f"{acts[0]['kind']} ({acts[0]['why']}) {acts[0]['effect'] or ''}".strip() if acts else "–"
-    return f"| {arm.name} | {arm.judge} | {first} | {act} | {judged['before_there_um'] / 1e3:.3f} → {judged['calibrated_um'] / 1e3:.3f} |"
+    gap = " → ".join(f"{judged[key] / 1e3:.3f}" for key in ("before_there_um", "calibrated_um"))
+    return f"| {arm.name} | {arm.judge} | {first} | {act} | {gap} |"
 
 
 def _rig(directory: Path, *words: str, fails: bool = False) -> str:
