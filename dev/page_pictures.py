@@ -98,7 +98,7 @@ def _opened(chromium: Browser, page: Path, width: int, *, dark: bool = False) ->
     scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
     chromium.send("Emulation.setEmulatedMedia", media="screen", features=scheme)
     chromium.send("Page.navigate", url=page.as_uri())
-    chromium.until("document.readyState === 'complete'")
+    chromium.until(f"location.href === {page.as_uri()!r} && document.readyState === 'complete'")
     yield
 
 

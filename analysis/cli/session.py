@@ -68,7 +68,7 @@ def session(
     ] = "",
     fast: Annotated[
         bool,
-        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in one or two."),
+        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in a few."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
     status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,

@@ -201,7 +201,7 @@ class AnswerWords:
         if not part.members:
             return self.texts("large_part", share=share, part=self._measured(part))
         members = ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in part.members)
-        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
+        return self.texts("large_group", share=share, part=self.short_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
         said = []

@@ -97,10 +97,10 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     if report.found is None:
         return []
     after, words = report.after, ActWords(report.found, texts)
-    if after is None or not after.driven:
-        return [words.sentence(act) for act in report.found.acts]
-    entered = after.way == "entries"
-    return [words.sentence(act) for act in report.found.acts if not is_done(act.kind, act.why, entered=entered)]
+    way = after.way if after and after.driven else None
+    elsewhere = bool(way or (after and after.joined))
+    acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+    return [words.sentence(act) for act in acts]
 
 
 def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:
