@@ -18,7 +18,7 @@ from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, MOST_AXES, Maker, maker_named, maker_of
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""
@@ -62,6 +62,17 @@ class Rig(Part):
                 "give the rig file beside its calibration with --rig",
             )
         return self._calibrated
+
+    @property
+    def maker(self) -> Maker | None:
+        """The maker of the controller as its feedback says, or the robot's name where any maker may speak that; None
+        where neither does."""
+        return maker_of(self.feedback.interface) or maker_named(self.robot.name)
+
+    @property
+    def makers(self) -> tuple[Maker, ...]:
+        """The makers whose controllers it may have, the likeliest first: one where that is known, else all."""
+        return (self.maker,) if self.maker else MAKERS
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
         """Return the rig with the calibration of a file, or with none."""

@@ -12,7 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
-from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, DrivenTest, Maker, maker_of
+from rigs.schema.vocabulary import FEWEST_AXES, DrivenTest, Maker, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -146,13 +146,13 @@ def _say_next(rig_file: str, rig: Rig, maker: Maker | None, directory: Path, cor
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     programmed, file = axes == FEWEST_AXES and not rail, as_argument(rig_file)
     if maker is None and programmed:
-        ur, *others = MAKERS
-        beside = as_argument(directory.with_name(f"{directory.name}-{ur}"))
-        what = f"the controller's own parameters; or {', '.join(others)}"
-        say(f"next: rig correct {file} --for {ur} -o {beside}  # {what}", err=True)
+        likeliest, *others = rig.makers
+        beside = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
+        what = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
+        say(f"next: rig correct {file} --for {likeliest} -o {beside}  # {what}", err=True)
     if corrected:
         say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
         test = corrected.name.removeprefix("corrected-").removesuffix("-path.csv")
         if programmed and test in get_args(DrivenTest):
-            more = f"--for {maker or MAKERS[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
+            more = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
             say(f"next: rig program {file} {more}", err=True)

@@ -13,7 +13,6 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
-from rigs.schema.vocabulary import MAKERS, maker_of
 
 if TYPE_CHECKING:
     from analysis.setup.options import Options
@@ -172,10 +171,8 @@ def next_steps(rig_file: Path) -> list[str]:
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
     """Return the commands of a first lap and, last, of its report."""
-    maker, others = maker_of(rig.feedback.interface), ""
-    if maker is None:
-        maker, *more = MAKERS
-        others = f"  # or {', '.join(more)}"
+    maker, *more = rig.makers
+    others = f"  # or {', '.join(more)}" if more else ""
     return [
         f"rig program {file} --for {maker} --test yaw -o programs{others}",
         "rig record start first-acw --test yaw --direction acw",

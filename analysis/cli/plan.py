@@ -15,7 +15,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
-from rigs.schema.vocabulary import MAKERS, Maker, TestName, maker_of
+from rigs.schema.vocabulary import Maker, TestName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -150,10 +150,8 @@ def _propose(
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        maker, others = maker_of(rig.feedback.interface), ""
-        if maker is None:
-            maker, *more = MAKERS
-            others = f"  # or {', '.join(more)}"
+        maker, *more = rig.makers
+        others = f"  # or {', '.join(more)}" if more else ""
         file = as_argument(written[0])
         say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
     elif found.circles:

@@ -95,7 +95,7 @@ def program(
     if targets:
         files[f"{test}-path.csv"] = table_of(nominal)
     paths = write_programs(maker, files, directory)
-    names = [axis.name for axis in rig.robot.axes]
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)

@@ -31,7 +31,7 @@ def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwel
         demands = [demand_of(plan) for plan in plans]
     paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
     say(_place(cube), err=True)
-    names = [axis.name for axis in rig.robot.axes]
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):
         say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
         for line in demand_lines(plan, demand, names):

@@ -16,7 +16,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
-from rigs.schema.vocabulary import Maker, maker_of
+from rigs.schema.vocabulary import Maker
 from rigs.text import plain
 
 if TYPE_CHECKING:
@@ -38,7 +38,9 @@ def session(
             "lasts; check: the circle alone, and no correction."
         ),
     ] = "faults",
-    maker: Annotated[Maker | None, maker_option("Maker of the controller", "that of the robot feedback")] = None,
+    maker: Annotated[
+        Maker | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
+    ] = None,
     directory: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),
@@ -66,7 +68,7 @@ def session(
     ] = "",
     fast: Annotated[
         bool,
-        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in one or two."),
+        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in a few."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
     status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
@@ -91,9 +93,9 @@ def session(
     for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
         if is_given and not emulated:
             raise UseError(option, "is allowed only with --emulated", "add --emulated")
-    controller = maker or maker_of(rig.feedback.interface)
+    controller = maker or rig.maker
     if controller is None:
-        raise UseError("--for", "is not given, and the feedback does not name the maker", "give --for")
+        raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
     from analysis.session.run import Asked, run_session  # noqa: PLC0415
 
     asked = Asked(

@@ -38,10 +38,10 @@ def _circle(rig: Rig) -> list[str]:
     by_axis: dict[int, list[str]] = {}
     for turn in turns:
         by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
-    listed = "; ".join(f"{rig.robot.axes[axis - 1].name} {' '.join(marks)}" for axis, marks in by_axis.items())
+    listed = "; ".join(f"{rig.robot.axis_words(axis)} {' '.join(marks)}" for axis, marks in by_axis.items())
     return [
         f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
-        f"joint reversals: {listed}",
+        f"axes turn back: {listed}",
     ]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.frames import for_json
 from analysis.history.changes import FALSE_ALARMS, trend_of
-from analysis.history.history import CORRECTED, WATCHED, label_of
+from analysis.history.history import WATCHED, label_of, title_of
 from analysis.history.history_file import FILE, Unusable, read_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of
 from analysis.measures.quantity import Quantity, student_factor
@@ -177,9 +177,8 @@ def _difference(
         error = float(np.sqrt(squares / freedom * sum(1 / len(side) for side in sides)))
         u = error * student_factor(freedom)
         limit = error * float(stdtrit(freedom, 1 - FALSE_ALARMS / count / 2))
-    title = ", ".join([key[0], *([f"at {key[1]}"] if key[1] else []), *([CORRECTED[key[3]]] if key[3] else [])])
     difference = Quantity(now - then, u, unit)
-    return Difference(title, figure, then, now, difference, limit, len(before), len(after))
+    return Difference(title_of(key[0], key[1], key[3]), figure, then, now, difference, limit, len(before), len(after))
 
 
 def _spread_of_history(key: Key, figure: str, known: dict[Path, dict[str, Record]]) -> tuple[float, float]:

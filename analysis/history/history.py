@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -135,16 +136,22 @@ def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
     return trend_of(np.array([one.value for one in quantities]), np.nan_to_num(u, posinf=0.0), series)
 
 
+def title_of(test: str, placement: str, corrected: str) -> str:
+    """What runs of one kind are called: `yaw acw, placement left, corrected programs`."""
+    more = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
+    return ", ".join([test, *filter(None, more)])
+
+
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
     """Runs of one test, direction, placement, program and correction, each group with its title: a corrected program
     shows the correction, and nothing of how the arm itself changed."""
     groups: dict[tuple[str, str, str, str], list[Record]] = {}
     for run in runs:
         groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
-    several = {title for title, *_ in groups if len({key[2] for key in groups if key[0] == title}) > 1}
+    driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
     found = []
     for (title, placement, program, corrected), group in sorted(groups.items()):
-        words = [title, *([f"at {placement}"] if placement else []), *([CORRECTED[corrected]] if corrected else [])]
-        words += [f"program {program}"] if title in several else []
+        words = [title_of(title, placement, corrected)]
+        words += [f"program {program}"] if driven[title, placement] > 1 else []
         found.append((", ".join(words), group))
     return found

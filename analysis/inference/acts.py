@@ -107,7 +107,11 @@ class Act:
         return plain | {"effect": label_of(self.effect) if self.effect else None}
 
 
-def is_done(kind: str, why: str) -> bool:
-    """Return whether an act, by its kind and its reason, is done once a robot drives corrected and was measured so at
-    another place as well."""
-    return kind in ("load", "enter", "approach") or (kind, why) == ("measure", "elsewhere")
+def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
+    """Return whether an act, by its kind and its reason, is done.
+
+    way: by what a robot drives corrected, `entries` or `programs`, None where it does not; where values were entered
+    zeros are among them, and who re-masters as well corrects twice. elsewhere: whether another place has judged."""
+    if (kind, why) == ("measure", "elsewhere"):
+        return elsewhere
+    return way is not None and kind in ("load", "enter", "approach", *(("remaster",) if way == "entries" else ()))

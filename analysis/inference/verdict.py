@@ -261,7 +261,7 @@ def _is_shown(result: SearchResult, effect: Effect) -> bool:
 def _remedy(result: SearchResult, effect: Effect) -> str:
     """Return what to do about an effect."""
     if not _is_shown(result, effect):
-        return f"use the calibrated model, which holds the angle error of joint {_axis(effect)} over its angle"
+        return f"use the calibrated model, which holds the angle error of axis {_axis(effect)} over its angle"
     return effect.remedy()
 
 

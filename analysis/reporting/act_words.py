@@ -17,6 +17,7 @@ from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
+from rigs.schema.effect import name_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class ActWords:
     def sentence(self, act: Act) -> str:
         """An act in full: what to do, what that removes, and what speaks against it."""
         against = self.against(act)
-        return " ".join(filter(None, [self.what(act), self.removes(act), f"({against})" if against else ""]))
+        said = " ".join(filter(None, [self.what(act), self.removes(act)]))
+        return f"{said.removesuffix('.')} ({against})." if against else said
 
     def what(self, act: Act) -> str:
         """What to do, as a sentence."""
@@ -48,7 +50,7 @@ class ActWords:
             own = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
             return texts(own.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
-        return texts(key, cause=self.noun(act.effect), size=self._size(act), axis=_axis(act.effect))
+        return texts(key, cause=self.noun(act.effect), size=self._size(act), axis=self._axis(act.effect))
 
     def removes(self, act: Act) -> str:
         """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
@@ -63,7 +65,8 @@ class ActWords:
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
-        return "; ".join(self._against(one) for one in act.against)
+        own = [one for one in act.against if not (one.why == "no_place" and act.test is None)]  # its own words say that
+        return "; ".join(self._against(act, one) for one in own)
 
     def members(self, members: Sequence[Member]) -> str:
         """What a group may be, each with its odds."""
@@ -104,17 +107,25 @@ class ActWords:
         tests = {name.split()[0].strip(",;") for name in self.found.setups}
         return f"{key}_places" if tests and tests <= {"pose", "touch"} else key
 
+    def _axis(self, effect: Effect) -> str:
+        axis = getattr(effect, "axis", None)
+        return self.texts.axis(self.found.rig.robot, axis) if axis else ""
+
     def _size(self, act: Act) -> str:
         assert act.effect is not None  # noqa: S101 - asked of acts that have one
         own = size_field(act.effect)
         return with_uncertainty(act.effect, own, {own: act.u} if act.u is not None else {})
 
-    def _against(self, one: Against) -> str:
+    def _against(self, act: Act, one: Against) -> str:
         texts = self.texts
+        rivals = [rival.effect for named in self.found.effects if named.effect == act.effect for rival in named.rivals]
+        said = {name_of(effect): self.noun(effect) for effect in rivals}
         if one.why == "doubt" and one.doubt:
             return texts(f"doubt_{one.doubt}")
         count = "" if one.runs is None else one.runs
-        return texts(f"against_{one.why}", names=texts("or").join(one.names), count=count)
+        return texts(
+            f"against_{one.why}", names=texts("or").join(said.get(name, name) for name in one.names), count=count
+        )
 
 
 def acts_in_words(found: Diagnosis, texts: Texts) -> list[str]:
@@ -126,7 +137,3 @@ def acts_in_words(found: Diagnosis, texts: Texts) -> list[str]:
 def command(act: Act) -> str:
     """The command of an act as a person types it; empty where none does it."""
     return " ".join(["rig", *act.command]) if act.command else ""
-
-
-def _axis(effect: Effect) -> str:
-    return str(getattr(effect, "axis", ""))

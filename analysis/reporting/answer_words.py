@@ -112,10 +112,11 @@ class AnswerWords:
 
     def part_name(self, part: BudgetPart) -> str:
         """A part of the budget as a person says it, with what cancels some of it."""
-        name = self._part_name(part)
+        name = self.short_name(part)
         return self.texts("with_cancelled", part=name, count=len(part.cancelled)) if part.cancelled else name
 
-    def _part_name(self, part: BudgetPart) -> str:
+    def short_name(self, part: BudgetPart) -> str:
+        """A part of the budget as a person says it, where there is no room for what cancels some of it."""
         if part.index is not None:
             return self.noun(self.found.effects[part.index].effect)
         if part.kind == "effect":
@@ -146,7 +147,7 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": self._joint(axis) if axis else ""})
 
     def _joint(self, axis: int) -> str:
-        return self.texts("joint_of", axis=axis, name=self.found.rig.robot.axes[axis - 1].name)
+        return self.texts.axis(self.found.rig.robot, axis)
 
     def _condition(self) -> str:
         """What these runs do not show, or that nothing was found; empty where faults say it all."""
@@ -200,7 +201,7 @@ class AnswerWords:
         if not part.members:
             return self.texts("large_part", share=share, part=self._measured(part))
         members = ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in part.members)
-        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
+        return self.texts("large_group", share=share, part=self.short_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
         said = []
@@ -208,7 +209,7 @@ class AnswerWords:
             odds = self.found.effects[part.index].posterior
             said = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
         beside = ", ".join(filter(None, said))
-        return f"{self.part_name(part)} ({beside})" if beside else self.part_name(part)
+        return f"{self.short_name(part)} ({beside})" if beside else self.short_name(part)
 
     def _listed(self, said: Sequence[str]) -> str:
         more = [self.texts("and_more", count=len(said) - _MOST_NAMED)] if len(said) > _MOST_NAMED else []

@@ -20,12 +20,7 @@ _BY_FAR = 1 / 3
 def plain(rig: Rig, effect: Effect) -> str:
     """An effect as a person says it: `play of axis 1 (Theta)`."""
     axis = getattr(effect, "axis", None)
-    return effect.plain("" if axis is None else joint(rig, axis))
-
-
-def joint(rig: Rig, axis: int) -> str:
-    """`axis 1 (Theta)`."""
-    return f"axis {axis} ({rig.robot.axes[axis - 1].name})"
+    return effect.plain("" if axis is None else rig.robot.axis_words(axis))
 
 
 def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:

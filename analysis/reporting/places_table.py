@@ -13,15 +13,15 @@ from analysis.reporting.diagnosis_words import runs_of, stretch
 from analysis.reporting.wide_tables import whole
 
 _MOST_PLACES = 6
-_NUMBERS = ("joint", "µm", "sigma")
+_NUMBERS = ("axis", "µm", "sigma")
 
 
 def places_table(where: Sequence[Place]) -> list[RenderableType]:
-    """The worst places, each with the joint that turns back there."""
+    """The worst places, each with the axis that turns back there."""
     if not where:
         return [Text("nowhere by more than the noise")]
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    for heading in ("test", "part", "where", "joint", "why", "µm", "sigma"):
+    for heading in ("test", "part", "where", "axis", "why", "µm", "sigma"):
         number = heading in _NUMBERS
         table.add_column(heading, justify="right" if number else "left", no_wrap=number)
     for place in sorted(where, key=lambda one: -one.sigma)[:_MOST_PLACES]:

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import yaml
 
 from analysis.reporting.labels import label
+from rigs.schema.robot import Robot
 
 Language = Literal["en", "de", "ko"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
@@ -33,6 +34,11 @@ class Texts:
     def __call__(self, key: str, **values: object) -> str:
         """A text with values in its places."""
         return self.words[key].format(**values)
+
+    def axis(self, robot: Robot, axis: int) -> str:
+        """What an axis, counted from 1, is called: `axis 4 (gamma)`."""
+        own = robot.own_name(axis)
+        return self("axis_of", axis=axis, name=own) if own else self("axis_numbered", axis=axis)
 
     def label(self, name: str) -> str:
         """The label of a figure, the English one where this language has none."""

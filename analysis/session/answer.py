@@ -49,7 +49,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     faults = [part_of(found, one) for one in found.standing]
     parts = [
         PartOfError(
-            part=words.part_name(one),
+            part=words.short_name(one),
             kind=one.kind,
             size=words.size_of(one),
             share=round(one.share, 4),

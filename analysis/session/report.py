@@ -8,7 +8,9 @@ from typing import Literal
 from analysis.api import Diagnosis, diagnose, evaluate_runs
 from analysis.reporting.page.before_after import BeforeAfter, Expectation, Row, Side
 from analysis.reporting.page.report import gather
+from analysis.reporting.page.verdict import judge
 from analysis.reporting.page.write_page import write_page
+from analysis.session.plan import ELSEWHERE
 from analysis.session.state import Expected, PathError, Place, Session, own_programs
 from analysis.traces.loading import Measured, load_measured
 from rigs.errors import RigError
@@ -30,7 +32,7 @@ def write_report(session: Session, rig: Rig, place: Place) -> Path:
         evaluate_runs(find),
         model,
         found=_diagnosed([*find, *joined], model) if joined else None,
-        after=_before_after(session, place),
+        after=_before_after(session, place, model),
         progress=_silent,
     )
     return write_page(report, place.directory / PAGE)
@@ -44,7 +46,7 @@ def _diagnosed(runs: list[Measured], model: Rig) -> Diagnosis | None:
         return None
 
 
-def _before_after(session: Session, place: Place) -> BeforeAfter | None:
+def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | None:
     verified, correction, judged = session.verified, session.correction, session.judged
     if verified is None or correction is None:
         return None
@@ -58,6 +60,8 @@ def _before_after(session: Session, place: Place) -> BeforeAfter | None:
         if before
     ]
     work = correction.work
+    verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
+    driven = [load_measured(place.run(step.run)) for step in verify if step.run]
     return BeforeAfter(
         correction.sentence,
         correction.way,
@@ -66,6 +70,7 @@ def _before_after(session: Session, place: Place) -> BeforeAfter | None:
         judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
         joined=session.answer.joined if session.answer else 0,
         own_programs=own_programs(session, place.directory),
+        verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
     )
 
 

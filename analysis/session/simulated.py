@@ -27,6 +27,7 @@ from analysis.session.cell import Rigd
 from analysis.session.state import Answer
 from analysis.simulation.emulated_robot import EmulatedRobot
 from daq import clock
+from daq.emulators import as_emulated
 from daq.simulated.cell import SimulatedCell
 from daq.simulated.clock import SimulatedClock
 from rigs.errors import CellError
@@ -51,6 +52,7 @@ class SimulatedChild:
         RigError."""
         options: Mapping[str | Path, str | Path] = dict(zip(arguments[2::2], arguments[3::2], strict=True))
         rig, text = load(Path(arguments[1]))
+        text = as_emulated(text)
         hidden = load_hidden(str(options["--effects"])).within(rig) if "--effects" in options else rig
         robot = EmulatedRobot.of_rig(hidden, int(str(options["--seed"])))
         write_cell_files(Path(options["-o"]), hidden, robot, text)

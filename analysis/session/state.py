@@ -285,7 +285,9 @@ class Session(Part):
         answer = self.answer
         if answer is None:
             return ()
-        said = tuple(one.words for one in answer.acts if not (self.is_corrected and is_done(one.kind, one.why)))
+        way = self.correction.way if self.correction and self.is_corrected else None
+        elsewhere = bool(answer.joined or answer.judges or way)
+        said = tuple(one.words for one in answer.acts if not is_done(one.kind, one.why, way=way, elsewhere=elsewhere))
         return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
@@ -294,8 +296,9 @@ class Session(Part):
 
 
 def own_programs(session: Session, directory: Path) -> str:
-    """Return the command that corrects programs of a person's own by what a session found; empty without a model."""
-    if not (session.answer and session.answer.model):
+    """Return the command that corrects programs of a person's own by what a session found; empty without a model, and
+    where nothing is to be corrected by it."""
+    if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
     model = directory / "found" / session.answer.found / session.answer.model
     return f"rig correct {as_argument(model)} --program FILE -o DIR"

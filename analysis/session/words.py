@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
+from analysis.reporting.texts import texts_of
 from analysis.session.cell import Run, Screen
 from analysis.session.plan import Pace, minutes_of
 from analysis.session.state import (
@@ -150,6 +151,8 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     for number, act in enumerate(session.to_do):
         first = "for the cause" if session.is_corrected else "next"
         yield f"  then: {act}" if number else f"{first}: {act}"
+    if session.is_corrected and correction and session.to_do:
+        yield f"  {texts_of('en')(f'after_cause_{correction.way}')}"
     programs = sum(len(step.tries) for step in session.steps)
     yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
     yield f"report: {directory / session.report}"

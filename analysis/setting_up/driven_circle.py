@@ -355,7 +355,7 @@ def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
     alone = np.where((steps > _JUMP_RAD) & (steps > _ALONE * beside), steps, 0.0)
     row, axis = np.unravel_index(alone.argmax(), alone.shape)
     if alone[row, axis]:
-        moved = f"{rig.robot.axes[axis].name} jumps by {np.degrees(steps[row, axis]):.1f}°"
+        moved = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
         what = f"{moved} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
         raise FileError(motion.where, what, "check the feedback, and record the circle again without a jump")
 

@@ -230,7 +230,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
         else:
             raise FileError(
                 where,
-                f"{rig.robot.axes[axis].name} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
+                f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
                 "check the feedback's units and wrap-around, or remove the bad rows",
             )
     return slice(rows.start + begin, rows.start + end)

@@ -29,7 +29,7 @@ def summary(session: Session) -> dict[str, Any]:
             for step in session.steps
         ],
         "headline": answer.headline if answer else "",
-        "accuracy": (session.judged or answer).accuracy if answer else "",
+        "accuracy": (session.judged or answer).accuracy if answer and not session.is_corrected else "",
         "runs": answer.runs if answer else 0,
         "parts": [
             {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}

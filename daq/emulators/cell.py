@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import yaml
 
@@ -135,11 +135,10 @@ class Cell:
     def rig_text(self, text: str, *, emulated: bool = False) -> str:
         """Return a rig file's text with the ports of this cell in place of its own; emulated: says that no robot is
         there."""
-        data = data_of(text) | ({"emulated": True} if emulated else {})
+        data = data_of(as_emulated(text) if emulated else text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
-        written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
-        return written
+        return _text_of(data)
 
     def _open_port(
         self, stream: Stream, make: Callable[[], Device], adversity: Adversity, link: Path | None, paced: bool
@@ -194,3 +193,13 @@ class Cell:
 
         self._threads.append(clock.Thread(target=serve, name=f"emulated {name}"))
         return line.port
+
+
+def as_emulated(text: str) -> str:
+    """Return a rig file's text that says that no robot is there: runs made by it say so, too."""
+    return _text_of(data_of(text) | {"emulated": True})
+
+
+def _text_of(data: Mapping[str, Any]) -> str:
+    written: str = yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, width=110)
+    return written

@@ -78,7 +78,7 @@ class Backlash(Effect):
 
     def remedy(self) -> str:
         return (
-            f"inspect the reducer of joint {self.axis}: {self.width_deg:.4f}° of play; approach from one side meanwhile"
+            f"inspect the reducer of axis {self.axis}: {self.width_deg:.4f}° of play; approach from one side meanwhile"
         )
 
     def compensation(self) -> Compensation:

@@ -63,7 +63,7 @@ class Compliance(Effect):
         return f"twist of {joint} under gravity"
 
     def remedy(self) -> str:
-        return f"joint {self.axis} yields under load: enter the payload as it is, or let the controller compensate"
+        return f"axis {self.axis} yields under load: enter the payload as it is, or let the controller compensate"
 
     def compensation(self) -> Compensation:
         """It depends on the posture alone."""

@@ -37,7 +37,7 @@ class JointOffset(Effect):
         return f"zero of {joint}"
 
     def remedy(self) -> str:
-        return f"re-master joint {self.axis} by {self.offset_deg:+.4f}° (link = reported + offset), or enter it"
+        return f"re-master axis {self.axis}, which stands {self.offset_deg:+.4f}° further than it reports, or enter it"
 
     def compensation(self) -> Compensation:
         """The controller's own zero of the joint."""

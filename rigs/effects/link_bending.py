@@ -44,7 +44,7 @@ class LinkBending(Effect):
         return f"bending of the link after {joint}"
 
     def remedy(self) -> str:
-        return f"the link after joint {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
+        return f"the link after axis {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
 
     def compensation(self) -> Compensation:
         """It depends on the posture alone."""

@@ -64,7 +64,7 @@ class ReversalSpike(Effect):
         return f"wind-up of {joint} after reversals"
 
     def remedy(self) -> str:
-        return f"joint {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
+        return f"axis {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
 
     def compensation(self) -> Compensation:
         """It has a history, which no target has."""

@@ -35,7 +35,7 @@ class ServoLag(Effect):
 
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s
-        return f"joint {self.axis} is {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
+        return f"axis {self.axis} is {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
 
     def compensation(self) -> Compensation:
         """A target stands still."""

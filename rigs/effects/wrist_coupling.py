@@ -38,7 +38,7 @@ class WristCoupling(Effect):
         return f"axis {self.from_axis} leaking into axis {self.to_axis}"
 
     def remedy(self) -> str:
-        return f"motion of joint {self.from_axis} leaks into joint {self.to_axis}: correct the wrist's coupling ratio"
+        return f"motion of axis {self.from_axis} leaks into axis {self.to_axis}: correct the wrist's coupling ratio"
 
     def compensation(self) -> Compensation:
         """It depends on the posture alone."""

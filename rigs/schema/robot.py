@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -72,6 +73,10 @@ def identity(count: int) -> tuple[Row, ...]:
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 
+_NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
+"""Names that hold a number alone: `J4`, `joint_4`, `joint_a4`, `4`."""
+
+
 class Robot(Part):
     """Six or seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
 
@@ -92,6 +97,17 @@ class Robot(Part):
     def built(self) -> Build:
         """How the arm is built, as stated, or as most arms of so many axes are."""
         return self.build or ("torque_sensing" if len(self.axes) > FEWEST_AXES else "industrial")
+
+    def axis_words(self, axis: int) -> str:
+        """What an axis, counted from 1, is called wherever a person reads of it: `axis 4 (gamma)`; `axis 4` alone where
+        its name says no more than the number, as `J4` does."""
+        own = self.own_name(axis)
+        return f"axis {axis} ({own})" if own else f"axis {axis}"
+
+    def own_name(self, axis: int) -> str:
+        """The name of an axis, counted from 1; empty where it says no more than the number."""
+        name = self.axes[axis - 1].name
+        return "" if _NUMBERED.fullmatch(name.lower()) else name
 
     @model_validator(mode="before")
     @classmethod

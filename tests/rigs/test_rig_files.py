@@ -19,6 +19,7 @@ from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
 from rigs.schema.certificate import Certificate
+from rigs.schema.vocabulary import MAKERS
 
 TEXT = (
     (SHIPPED / "paper-fanuc.yaml").read_text()
@@ -419,3 +420,10 @@ def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None
 def test_gauges_and_feedback_are_there_together_or_not_at_all(there: str, lacks: str) -> None:
     with pytest.raises(RigFileError, match=f"{there} without {lacks}: rigd records both together; add {lacks}"):
         parse(_with(**{there: True}), "tracker")
+
+
+def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:
+    ur, any_makers = load("ur10e")[0], load("paper-fanuc")[0]
+    assert (ur.makers, any_makers.makers) == (("ur",), ("fanuc",))
+    nameless = any_makers.model_copy(update={"robot": any_makers.robot.model_copy(update={"name": "elbow arm"})})
+    assert nameless.maker is None and nameless.makers == MAKERS

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from analysis.reporting.page.verdict import Verdict
+
 
 @dataclass(frozen=True)
 class Side:
@@ -41,7 +43,8 @@ class BeforeAfter:
     way: the tense and the words of the page follow from it. work: the error over the work of the rig file without and
     with the correction, and the standard uncertainty of the model there, µm rms, None where nothing was corrected.
     judged: what the other place said of the model before its runs joined the last diagnosis, µm rms before and with it;
-    None where none judged. own_programs: the command that corrects programs of the reader's own.
+    None where none judged. verdict: the figures of the runs afterwards against their limits, on the same circle, None
+    where there were no such runs. own_programs: the command that corrects programs of the reader's own.
     """
 
     correction: str
@@ -51,6 +54,7 @@ class BeforeAfter:
     judged: tuple[float, float] | None = None
     joined: int = 0
     own_programs: str = ""
+    verdict: Verdict | None = None
 
     @property
     def driven(self) -> tuple[Side, Side] | None:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.reporting.texts import Texts
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """What a line stands for; it decides colour, dash and symbol alike, since no meaning hangs on colour alone."""
@@ -155,15 +156,15 @@ class SphereChart:
 Picture = Chart | SphereChart
 
 
-def marks_of(turns: Sequence[tuple[float, int]]) -> tuple[Mark, ...]:
-    """A mark where each joint (angle in degrees, number) turns back; of near ones the first bears the names of all."""
+def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ...]:
+    """A mark where each axis (angle in degrees, number) turns back; of near ones the first bears the numbers of all."""
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
         if groups and turn[0] - groups[-1][0][0] < _SAME_DEG:
             groups[-1].append(turn)
         else:
             groups.append([turn])
-    names = [", ".join(f"J{joint}" for _, joint in group) for group in groups]
+    names = [texts("marked", axes=", ".join(str(axis) for _, axis in group)) for group in groups]
     return tuple(
         Mark(at_deg, name if place == 0 else "")
         for group, name in zip(groups, names, strict=True)

@@ -23,7 +23,7 @@ _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     """The error of the angle and of the distance, along the circle and around it."""
     test = group[0].test
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
     charts = []
     for frame in _FRAMES:
         for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
@@ -51,9 +51,9 @@ def _line(group: Sequence[Result], direction: Role, part: str, texts: Texts) -> 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     """Each joint's angle over the circle, less its mean, from the first run's own feedback."""
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
     found = next(one.found for one in group if isinstance(one.found, CircleResult))
-    names = [axis.name for axis in group[0].measured.rig.robot.axes]
+    robot = group[0].measured.rig.robot
     lap = found.laps.first
     order = np.argsort(lap.phi % (2 * np.pi))
     phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
@@ -63,7 +63,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
         whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
         if not whole_turn:  # a joint that goes round with the circle would hide the others
             curve = np.interp(at_deg, phi_deg, q[:, axis])
-            lines.append(Line(f"J{axis + 1} {names[axis]}", role, at_deg, curve - curve.mean()))
+            lines.append(Line(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
             at = [one.phi_deg for one in group[0].reversals if one.joint == axis + 1]
             squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
     if squares:

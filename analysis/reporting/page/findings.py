@@ -56,8 +56,9 @@ def _said(words: AnswerWords, effect: Effect, one: Named | Rival) -> str:
         noun = words.noun(effect)
         return f"{noun[:1].upper()}{noun[1:]}: {size(one)}."
     axis = getattr(effect, "axis", None)
-    joint = words.found.rig.robot.axes[axis - 1].name if axis else ""
-    return template.format(**fields_of(effect) | {"size": size(one), "joint": f"{joint[:1].upper()}{joint[1:]}"})
+    joint = words.texts.axis(words.found.rig.robot, axis) if axis else ""
+    said = template.format(**fields_of(effect) | {"size": size(one), "joint": joint})
+    return f"{said[:1].upper()}{said[1:]}"
 
 
 def _where(found: Diagnosis, one: Named, texts: Texts) -> str:

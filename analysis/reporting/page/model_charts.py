@@ -92,7 +92,7 @@ def _of_circle(strand: Strand, texts: Texts) -> Chart:
     if len(steps) > 1:
         lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
         lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
-    marks = marks_of(strand.curve.turns)
+    marks = marks_of(strand.curve.turns, texts)
     shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places if not whole_lap(place)])
     return Chart(
         texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=strand.title), texts("caption_step"),

@@ -89,7 +89,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
         rows=tuple(_rows(columns, texts)),
         remarks=_remarks(group),
         doubts=_doubts(group),
-        reversals=_reversals(group[0]) if circle else (),
+        reversals=_reversals(group[0], texts) if circle else (),
         pictures=(*own, *simulated_charts(report, group, texts), *joints),
     )
 
@@ -126,17 +126,19 @@ def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
     return tuple(f"{', '.join(names)}: {doubt}" for doubt, names in said.items())
 
 
-def _reversals(result: Result) -> tuple[ReversalRow, ...]:
+def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
     """The turns of the joints by the run's own feedback, each beside the nominal one."""
     if not isinstance(result.found, CircleResult):
         return ()
-    names = [axis.name for axis in result.measured.rig.robot.axes]
     rows = []
     for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
         same = [one for one in result.reversals if (one.joint, one.upper) == (turn.axis, turn.upper)]
         away = {one.phi_deg: abs(np.degrees(apart(turn.phi, np.radians(one.phi_deg)))) for one in same}
         near = min(away, key=lambda phi: away[phi], default=None)
         nominal = f"{near:.1f}°" if near is not None and away[near] < _NOMINAL_DEG else ""
-        joint = f"J{turn.axis} {names[turn.axis - 1]}"
-        rows.append(ReversalRow(joint, f"{np.degrees(turn.phi):.1f}°", nominal, turn.upper))
+        rows.append(
+            ReversalRow(
+                texts.axis(result.measured.rig.robot, turn.axis), f"{np.degrees(turn.phi):.1f}°", nominal, turn.upper
+            )
+        )
     return tuple(rows)

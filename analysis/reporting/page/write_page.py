@@ -67,7 +67,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,
-        verdict_sentence=verdict_sentence(verdict, texts),
+        sentence_of=lambda verdict: verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts) if report.found else None,
         acts=_acts(report, texts),
@@ -96,9 +96,11 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
     if report.found is None:
         return []
-    is_corrected = bool(report.after and report.after.driven)
-    words = ActWords(report.found, texts)
-    return [words.sentence(act) for act in report.found.acts if not (is_corrected and is_done(act.kind, act.why))]
+    after, words = report.after, ActWords(report.found, texts)
+    way = after.way if after and after.driven else None
+    elsewhere = bool(way or (after and after.joined))
+    acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+    return [words.sentence(act) for act in acts]
 
 
 def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:

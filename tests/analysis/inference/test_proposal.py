@@ -143,7 +143,7 @@ def test_the_command_prints_circles_and_what_comes_next(
     assert done.exit_code == 0, done.output
     assert "1. " in done.stdout and "names are testable" in done.stdout
     first = out / "paper-fanuc-circle-1.yaml"
-    assert f"next: rig program {first} --for ur --test yaw -o programs  # or fanuc, kuka, abb, yaskawa\n" in done.stderr
+    assert f"next: rig program {first} --for fanuc --test yaw -o programs\n" in done.stderr
     asked = ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "--json"]
     found = json.loads(CliRunner().invoke(app, asked).stdout)
     assert found["circles"][0]["words"] == proposed.circles[0].candidate.words

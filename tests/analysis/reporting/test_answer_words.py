@@ -14,7 +14,7 @@ from analysis.reporting.answer_words import AnswerWords, doubt_words
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
-from tests.support.handmade_diagnosis import PLAY, SMALL, ZERO, diagnosis
+from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis
 
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 NEED: dict[str, Any] = {
@@ -145,3 +145,19 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) 
 def test_what_imitates_something_else_is_no_cause_of_the_error() -> None:
     slipping = diagnosis("outside_library", effects=(replace(PLAY, doubt="series"),))
     assert "% of the error comes from" not in AnswerWords(slipping).headline
+
+
+def test_what_speaks_against_an_act_stands_within_its_last_sentence() -> None:
+    doubted = replace(REPAIR, place="used", against=(Against("not_judged_elsewhere"),))
+    said = ActWords(diagnosis(acts=(doubted,))).next
+    assert said.endswith("rms on the runs used (how much elsewhere is not known).") and ". (" not in said
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_axis_is_called_by_its_number_and_by_its_name_where_that_says_more(language: Language) -> None:
+    robot, texts = diagnosis().rig.robot, texts_of(language)
+    called = {"en": "axis 4 (gamma)", "de": "Achse 4 (gamma)", "ko": "축 4(gamma)"}
+    assert texts.axis(robot, 4) == called[language]
+    for name, says_more in (("J4", False), ("joint_a4", False), ("axis 4", False), ("A4", False), ("wrist 1", True)):
+        axes = tuple(axis.model_copy(update={"name": name}) for axis in robot.axes)
+        assert ("(" in texts.axis(robot.model_copy(update={"axes": axes}), 4)) == says_more, name

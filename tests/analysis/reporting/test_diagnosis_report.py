@@ -121,7 +121,8 @@ def test_what_is_no_fault_is_said_with_the_reason_and_without_a_remedy() -> None
 def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) -> None:
     found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
     text = " ".join(_printed(found, width=160).split())
-    assert "2. Re-master axis 5 by 0.1032 ± 0.0041 °" in text and "(only if it is not link_geometry 5.a)" in text
+    assert "2. Re-master axis 5 (beta): it stands 0.1032 ± 0.0041 ° further than" in text
+    assert "(only if it is not length a of axis 5 (beta) in the rig file)" in text
     *_, rig_file = write(found, TEXT, tmp_path / "found")
     (effect,) = load(rig_file)[0].effects
     assert effect.found and effect.found.rivals == ("link_geometry 5.a",)

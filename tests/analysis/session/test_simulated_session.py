@@ -12,6 +12,7 @@ from analysis.session.plan import Program
 from analysis.session.run import Asked, Means, run_session
 from analysis.session.simulated import SimulatedCells
 from analysis.session.state import Emulated, Place
+from analysis.traces.loading import load_measured
 from daq import clock
 from daq.simulated.clock import SimulatedClock
 from daq.store import verify
@@ -66,3 +67,4 @@ def test_a_session_in_simulated_time_records_what_is_driven_and_goes_on_after_a_
     assert "the robot stopped at" in whys[0][0] and [step[-1] for step in whys] == ["", ""]
     for step in session.steps:
         assert step.run and not verify(directory / "runs" / step.run)
+        assert load_measured(directory / "runs" / step.run).is_simulated  # no page says that a robot was measured

@@ -15,7 +15,7 @@ ENGLISH = texts_of("en")
 
 def test_a_finding_says_what_where_and_how_much() -> None:
     (one,) = findings_of(diagnosis("named"), ENGLISH)
-    assert one.what == "Theta (axis 1) has play of 0.0521 ± 0.0011 °."
+    assert one.what == "Axis 1 (Theta) has play of 0.0521 ± 0.0011 °."
     assert "at 237° of the circle" in one.where
     assert one.share == "It moves the readings by 5.8 µm (rms) and makes 90 % of the error."
     assert one.others == ()
@@ -23,7 +23,7 @@ def test_a_finding_says_what_where_and_how_much() -> None:
 
 def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
     (one,) = findings_of(diagnosis("ambiguous"), ENGLISH)
-    assert one.what == "The zero of Beta (axis 5) is off by 0.1032 ± 0.0041 °."
+    assert one.what == "The zero of axis 5 (beta) is off by 0.1032 ± 0.0041 °."
     (rivals,) = one.others
     assert rivals.startswith("These tests cannot exclude: Length a of axis 5 (beta) in the rig file: 0.587 ± 0.023 mm")
     twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
@@ -33,7 +33,7 @@ def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
 
 def test_the_one_that_moves_most_comes_first_and_what_is_no_fault_is_left_out() -> None:
     both = findings_of(diagnosis("named", effects=(ZERO, PLAY, SMALL)), ENGLISH)
-    assert [one.what.partition(" ")[0] for one in both] == ["Theta", "The"]
+    assert [one.what.partition(" ")[0] for one in both] == ["Axis", "The"]
 
 
 def test_a_gear_has_whole_teeth() -> None:

@@ -1,0 +1,158 @@
+"""Pictures of the report for the documents: the annotated first screen, dark, printed, the steps and the sphere.
+
+`scripts/dev page_pictures` simulates the runs that `docs/reading-the-report.md` speaks of, makes their page, and takes
+its pictures in a headless Chromium, into docs/images.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import io
+import re
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from PIL import Image
+
+from tests.support.browser import Browser, browser
+from tests.support.command_line import ran
+
+_HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.008}]\neccentricity_mm: [0.3, -0.2, 0.1]\n"
+_RUNS = (("yaw", 2, 0), ("repeatability", 1, 20), ("radial", 1, 30))
+"""Test, how many (of each direction), and the seed of the noise."""
+_NUMBERED = (
+    (1, r"(<h3>)(Condition:)"),
+    (2, r"(<h3>)(Accuracy:)"),
+    (3, r'(<p class="next">)()'),
+    (4, r'(<div class="finding">\s*<h3>)(Then)'),
+    (5, r'(<h2 id="budget">)()'),
+    (6, r'(<th scope="col" class="word">)(class)'),
+    (7, r'(<h2 id="steps">)()'),
+    (8, r"(<h2>)(Figures against their limits)"),
+)
+"""What has a number in the documents, by the element before which it stands."""
+_BADGE = (
+    '<b style="display:inline-block;width:1.35em;height:1.35em;line-height:1.35em;border-radius:50%;margin-right:.35em;'
+    'background:#1f5aa6;color:#fff;font:bold 14px/1.45em sans-serif;text-align:center">{}</b>'
+)
+_WIDE = 1100
+_STEPS, _SPHERE = "document.querySelector('#steps')", "document.querySelector('figure.sphere')"
+_HEADINGS = "[...document.querySelectorAll('h2')]"
+_YAW = f"{_HEADINGS}.find(one => one.innerText.startsWith('Yaw'))"
+_LIMITS = f"{_HEADINGS}.find(one => one.innerText.startsWith('Figures against')).parentElement"
+
+
+def main() -> None:
+    """Make the page and its pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/images"), help="where the pictures go")
+    parser.add_argument("--page", type=Path, help="a page that is there already (made anew)")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        page = given.page or made_page(Path(scratch))
+        numbered = Path(scratch) / "numbered.html"
+        numbered.write_text(with_numbers(page.read_text(encoding="utf-8")), encoding="utf-8")
+        with browser(Path(scratch) / "profile") as chromium:
+            _annotated(chromium, numbered, given.output / "report-annotated.png")
+            _part(chromium, page, _STEPS, 1000, given.output / "report-steps.png")
+            _part(chromium, page, _YAW, 1000, given.output / "report-dark.png", dark=True)
+            _part(chromium, page, _SPHERE, 560, given.output / "report-sphere.png")
+            _printed(chromium, page, given.output / "report-printed.png")
+
+
+def made_page(directory: Path) -> Path:
+    """Simulate an arm with a play that its rig file does not know, and make the report of its runs."""
+    (directory / "hidden.yaml").write_text(_HIDDEN)
+    for test, times, seed in _RUNS:
+        _rig(directory, "simulate", "ur10e", "--test", test, "--times", str(times), "--seed", str(seed),
+             "--effects", "hidden.yaml", "-o", "runs")  # fmt: skip
+    _rig(
+        directory, "report", *sorted(f"runs/{path.name}" for path in (directory / "runs").iterdir()), "-o", "page.html"
+    )
+    return directory / "page.html"
+
+
+def with_numbers(page: str) -> str:
+    """Return a page with the numbers of the documents. Raises SystemExit where a place of one is gone."""
+    for number, place in _NUMBERED:
+        page, count = re.subn(place, rf"\1{_BADGE.format(number)}\2", page, count=1)
+        if not count:
+            raise SystemExit(f"the page has no place for number {number}: {place}")
+    return page
+
+
+def _rig(directory: Path, *words: str) -> None:
+    done = ran(*words, cwd=directory)
+    if done.returncode:
+        raise SystemExit(f"rig {' '.join(words)} ended with {done.returncode}: {done.stderr}")
+
+
+@contextmanager
+def _opened(chromium: Browser, page: Path, width: int, *, dark: bool = False) -> Iterator[None]:
+    """Open a page in a window of a width, and wait until its pictures are drawn."""
+    chromium.send("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+    scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    chromium.send("Emulation.setEmulatedMedia", media="screen", features=scheme)
+    chromium.send("Page.navigate", url=page.as_uri())
+    chromium.until(f"location.href === {page.as_uri()!r} && document.readyState === 'complete'")
+    yield
+
+
+def _place_of(chromium: Browser, element: str) -> dict[str, float]:
+    """Where an element is on the page, in pixels."""
+    corner = "x: box.x + scrollX, y: box.y + scrollY, width: box.width, height: box.height"
+    found: dict[str, float] = chromium.value(f"(box => ({{{corner}}}))({element}.getBoundingClientRect())")
+    return found
+
+
+def _shot(chromium: Browser, file: Path, x: float, y: float, width: float, height: float) -> None:
+    clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
+    png = chromium.send("Page.captureScreenshot", format="png", clip=clip, captureBeyondViewport=True)["data"]
+    picture = Image.open(io.BytesIO(base64.b64decode(png))).convert("P", palette=Image.Palette.ADAPTIVE, colors=128)
+    picture.save(file, optimize=True)
+
+
+def _annotated(chromium: Browser, page: Path, file: Path) -> None:
+    """The page's first screen with its numbers, down to the figures against their limits."""
+    with _opened(chromium, page, _WIDE):
+        limits = _place_of(chromium, _LIMITS)
+        _shot(chromium, file, 0, 0, _WIDE, limits["y"] + limits["height"])
+
+
+def _part(chromium: Browser, page: Path, element: str, height: float, file: Path, *, dark: bool = False) -> None:
+    """A part of the page from an element on, once its charts are drawn."""
+    with _opened(chromium, page, _WIDE, dark=dark):
+        chromium.value(f"{element}.scrollIntoView()")
+        chromium.until("document.querySelectorAll('.live .main-svg').length > 0")
+        chromium.value("new Promise(done => setTimeout(done, 1500))")
+        place = _place_of(chromium, element)
+        _shot(chromium, file, place["x"] - 20, place["y"] - 10, _WIDE - place["x"], height)
+
+
+def _printed(chromium: Browser, page: Path, file: Path) -> None:
+    """The first two sheets of A4 side by side."""
+    with _opened(chromium, page, _WIDE):
+        chromium.send("Emulation.setEmulatedMedia", media="print", features=[])
+        data = chromium.send("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True)["data"]
+    with tempfile.TemporaryDirectory() as scratch:
+        pdf = Path(scratch) / "page.pdf"
+        pdf.write_bytes(base64.b64decode(data))
+        sheets = _sheets_of(pdf, Path(scratch))
+    width, height = sheets[0].size
+    both = Image.new("RGB", (2 * width + 10, height), (160, 160, 160))
+    for k, sheet in enumerate(sheets[:2]):
+        both.paste(sheet, (k * (width + 10), 0))
+    both.convert("P", palette=Image.Palette.ADAPTIVE, colors=128).save(file, optimize=True)
+
+
+def _sheets_of(pdf: Path, scratch: Path) -> list[Image.Image]:
+    subprocess.run(["pdftoppm", "-r", "70", "-png", "-l", "2", pdf, scratch / "sheet"], check=True)
+    return [Image.open(path).convert("RGB") for path in sorted(scratch.glob("sheet*.png"))]
+
+
+if __name__ == "__main__":
+    main()
