@@ -93,3 +93,11 @@ def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_
 def test_help_of_a_command_imports_no_more(run: Path) -> None:
     assert packages(modules_of("analyse", "--help")) <= TYPER | OURS
     assert "pydantic" in packages(modules_of("analyse", run)), "it reads the rig file"
+
+
+def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:
+    code = "import sys, daq.service.client, analysis.reporting.daemon_screen; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = done.stdout.split()
+    assert "numpy" not in packages(modules)
+    assert not [name for name in modules if name.startswith(("rigs.rig", "rigs.effects", "daq.protocol", "daq.store"))]
