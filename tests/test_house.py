@@ -41,11 +41,15 @@ def test_every_number_has_its_limit(counts: dict[str, int]) -> None:
 
 
 def test_what_is_counted_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two modules that import each other, an empty name, and a helper that one place uses."""
-    a, b = "from rigs import b\ndef _once(one): return one\n_once(1)", "from rigs.a import x"
-    trees: dict[str, Any] = {"rigs/a.py": ast.parse(a), "rigs/b.py": ast.parse(b)}
+    """Two modules that import each other, one of them inside of a function; a third that is imported for types alone; an
+    empty name, and a helper that one place uses."""
+    a, b = (
+        "from rigs import b\nif TYPE_CHECKING:\n    from rigs import c\ndef _once(one): return one\n_once(1)",
+        "def f():\n    from rigs.a import x",
+    )
+    trees: dict[str, Any] = {f"rigs/{name}.py": ast.parse(text) for name, text in (("a", a), ("b", b), ("c", b))}
     for function in ("_functions", "_bindings", "circles", "_imports"):
         monkeypatch.setitem(HOUSE[function].__globals__, "sources", lambda: trees)
     assert HOUSE["circles"]() == [["rigs.a", "rigs.b"]]
-    assert HOUSE["_functions"]() == ([1], 1)
+    assert HOUSE["_functions"]() == ([1, 2, 2], 1)
     assert list(HOUSE["_bindings"]()) == ["one"]

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import typer
 
+SERVED = Path("/etc/rig")
+"""Where the rig files of services are."""
 _LEVELS = 2
 """Runs are looked for so many levels below the directory typed, as runs/NAME is below none, not in a whole disk."""
 
@@ -92,6 +94,4 @@ def daemons() -> Iterator[str]:
 @_quietly
 def services() -> Iterator[str]:
     """Offer the rigs that a service is set up for."""
-    from analysis.cli.doctor import SERVED
-
     yield from sorted(file.stem for file in SERVED.glob("*.yaml"))

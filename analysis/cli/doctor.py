@@ -8,11 +8,10 @@ from typing import Annotated
 import typer
 
 from analysis.cli.commands import app, command
+from analysis.cli.completion import SERVED
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
 
-SERVED = Path("/etc/rig")
-"""Where the rig files of services are."""
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 
 
