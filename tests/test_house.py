@@ -41,7 +41,7 @@ def test_every_number_has_its_limit(counts: dict[str, int]) -> None:
 
 
 def test_what_is_counted_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two modules that import each other, one of them inside of a function; a third that is imported for types alone; an
+    """Two modules that import each other, one of them inside of a function; a third imported for types alone; an
     empty name, and a helper that one place uses."""
     a, b = (
         "from rigs import b\nif TYPE_CHECKING:\n    from rigs import c\ndef _once(one): return one\n_once(1)",
