@@ -14,7 +14,7 @@ from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Host, Item
-from daq.protocol.shapes import hand_on
+from daq.protocol.numerals import hand_on
 from daq.wire.capture import Mark
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation

@@ -15,8 +15,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.protocol.ranges import is_length
-from daq.protocol.register_values import unpack
+from daq.protocol.modbus import unpack
+from daq.protocol.numerals import is_length
 from rigs.schema.modbus import ModbusMap, Number, Order, Register
 from rigs.schema.probe import MM_PER_UNIT
 
