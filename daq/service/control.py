@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from daq import clock
-from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.warnings import RateLimitedLog
 from daq.service.answers import LONGEST_ANSWER
 from daq.service.trust import peer_user
 from rigs.errors import CellError, RigError
