@@ -11,8 +11,8 @@ from pathlib import Path
 
 from rows import PANDAS, RUN_WRITER, cost
 
+from dev.trials.blind.trial import Job, make_case, runs_of
 from tests.support.benchmarks import Line
-from tests.support.blind.trial import Job, make_case, runs_of
 
 CIRCLE = Path(__file__).with_name("_bench_circle.py")
 TURNS = 3

@@ -19,16 +19,7 @@ import yaml
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from tests.support.ground.plain_arm import (
-    Array,
-    Frame,
-    PlainArm,
-    framed,
-    read_arm,
-    read_columns,
-    read_poses,
-    read_touches,
-)
+from dev.trials.ground.plain_arm import Array, Frame, PlainArm, framed, read_arm, read_columns, read_poses, read_touches
 
 ROWS = 120
 """Readings of a circle that are used, evenly chosen."""

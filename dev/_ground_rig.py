@@ -22,20 +22,11 @@ from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
 from analysis.correction.pose_uncertainty import frame_u_mm
 from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.traces.tables import PoseTable
+from dev.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows
+from dev.trials.ground.tasks import Task, read_tasks
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
-from tests.support.ground.plain_arm import (
-    Array,
-    PlainArm,
-    Poses,
-    joints,
-    read_arm,
-    read_columns,
-    read_poses,
-    write_rows,
-)
-from tests.support.ground.tasks import Task, read_tasks
 
 TEMPLATE = "ur10"
 """A shipped rig file, of which everything but the arm stays: it has no part in poses."""

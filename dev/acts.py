@@ -26,12 +26,12 @@ from analysis.model.predict import model_of
 from analysis.reporting.answer_words import AnswerWords, large_parts, sure_parts
 from analysis.traces.loading import load_measured
 from analysis.traces.tables import CircleTable
+from dev.trials.blind.trial import Job, make_case, runs_of
+from dev.trials.stranger import cases
+from dev.trials.stranger.faults import Fault
 from rigs.effects import Effect
 from rigs.load import load
 from rigs.schema.effect import name_of
-from tests.support.blind.trial import Job, make_case, runs_of
-from tests.support.stranger import cases
-from tests.support.stranger.faults import Fault
 
 KINDS = ("one", "two", "three", "none", "few", "outside")
 """As in the blind trial; `few` is two faults by a lap each way."""

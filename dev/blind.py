@@ -12,10 +12,10 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from tests.support.blind.real_scoring import as_json, real_cases_of, real_report
-from tests.support.blind.scoring import cases_of, report
-from tests.support.blind.trial import Job, make_case, run_all
-from tests.support.stranger import KINDS, REAL_KINDS, SCALES
+from dev.trials.blind.real_scoring import as_json, real_cases_of, real_report
+from dev.trials.blind.scoring import cases_of, report
+from dev.trials.blind.trial import Job, make_case, run_all
+from dev.trials.stranger import KINDS, REAL_KINDS, SCALES
 
 FIRST_REPORTED = 10_000
 WORLDS = {"quiet": KINDS, "real": REAL_KINDS}

@@ -17,20 +17,20 @@ import yaml
 
 from analysis.conventions.gauge_order import order_findings
 from analysis.traces.tables import CircleTable
+from dev.trials.stranger.cell import ROBOTS
+from dev.trials.stranger.draw import candidate
+from dev.trials.stranger.faults import Fault
+from dev.trials.stranger.gauges import Link
+from dev.trials.stranger.joints import Trace
+from dev.trials.stranger.measure import measure, trace_of
+from dev.trials.stranger.motion import Motion
+from dev.trials.stranger.real.arm import TIMES, drawn_foreign, healthy_arm, plant
+from dev.trials.stranger.real.noise import log_uniform
+from dev.trials.stranger.real.programs import circle
+from dev.trials.stranger.real.setups import centred, watched
+from dev.trials.stranger.sight import Sight, sight_of
 from rigs.load import parse
 from rigs.rig import Rig
-from tests.support.stranger.cell import ROBOTS
-from tests.support.stranger.draw import candidate
-from tests.support.stranger.faults import Fault
-from tests.support.stranger.gauges import Link
-from tests.support.stranger.joints import Trace
-from tests.support.stranger.measure import measure, trace_of
-from tests.support.stranger.motion import Motion
-from tests.support.stranger.real.arm import TIMES, drawn_foreign, healthy_arm, plant
-from tests.support.stranger.real.noise import log_uniform
-from tests.support.stranger.real.programs import circle
-from tests.support.stranger.real.setups import centred, watched
-from tests.support.stranger.sight import Sight, sight_of
 
 FAULTS = {"healthy": 0, "one fault": 1, "three faults": 3, "foreign": 0, "joint_offset": 1, "transmission_error": 1}
 BALL_MM = {"ball 0.1 to 1 mm off": (0.1, 1.0), "ball 1 to 15 mm off": (1.0, 15.0)}

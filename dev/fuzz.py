@@ -16,8 +16,8 @@ from typing import Annotated
 
 import typer
 
-from tests.support.fuzz.fuzz_files import use
-from tests.support.fuzz.fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets
+from dev.trials.fuzz.fuzz_files import use
+from dev.trials.fuzz.fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets
 
 _WHOLE = 5
 """Failures shown with where and with what; of the others the first line."""

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tests.support.ground.score import Scores, scored
-from tests.support.ground.table import draw, markdown
-from tests.support.ground.tasks import TINY, WHOLE, make
+from dev.trials.ground.score import Scores, scored
+from dev.trials.ground.table import draw, markdown
+from dev.trials.ground.tasks import TINY, WHOLE, make
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = {

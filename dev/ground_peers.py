@@ -28,7 +28,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from tests.support.ground.plain_arm import (
+from dev.trials.ground.plain_arm import (
     Array,
     Frame,
     PlainArm,

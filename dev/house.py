@@ -71,8 +71,8 @@ def _bindings() -> Iterator[str]:
 
 
 def circles() -> list[list[str]]:
-    """Return each group of modules that import each other in a circle as they are loaded; an import inside of a
-    function, or for types alone, closes none."""
+    """Return each group of modules that import each other in a circle, be it inside of functions; an import for types
+    alone closes none."""
     graph = {_module(name): _imports(tree) for name, tree in sources().items()}
     reach: dict[str, set[str]] = {}
     for module in graph:
@@ -93,16 +93,24 @@ def _module(name: str) -> str:
 
 
 def _imports(tree: ast.Module) -> set[str]:
-    """The modules that a file imports as it is loaded; of a module that it takes from its package, the module alone."""
+    """The modules that a file imports to run; of a module that it takes from its package, the module alone."""
     modules = {_module(name) for name in sources()}
     imported: set[str] = set()
-    for node in tree.body:
+    for node in _that_run(tree):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             names = {f"{node.module}.{alias.name}" for alias in node.names}
             imported |= (names & modules) or {node.module}
         elif isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
     return imported & modules
+
+
+def _that_run(node: ast.AST) -> Iterator[ast.AST]:
+    """Each node of a tree but those that only a type checker reads."""
+    yield node
+    for below in ast.iter_child_nodes(node):
+        if not (isinstance(below, ast.If) and isinstance(below.test, ast.Name) and below.test.id == "TYPE_CHECKING"):
+            yield from _that_run(below)
 
 
 def main() -> int:

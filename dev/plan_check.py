@@ -18,11 +18,11 @@ import numpy as np
 
 from analysis.inference.expected import ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
+from dev.trials.blind.trial import diagnose_case, import_case, runs_of
+from dev.trials.stranger.faults import SIZE, Fault, healthy_of
+from dev.trials.stranger.real.known import Noise, generate_known
 from rigs.effects import healthy_size
 from rigs.load import load
-from tests.support.blind.trial import diagnose_case, import_case, runs_of
-from tests.support.stranger.faults import SIZE, Fault, healthy_of
-from tests.support.stranger.real.known import Noise, generate_known
 
 NOISE = Noise(WHITE_MM.rms, SLOW_MM.rms, 1.5, JOINT_DEG.rms, BALL_MM.rms, TARGET_MM.rms)
 """As the plan assumes it; slow noise is correlated over 1.5 s there."""

@@ -11,18 +11,7 @@ from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from tests.support.planted.score import (
-    CASES,
-    CIRCLES,
-    REPORTED,
-    TABLE,
-    Job,
-    Point,
-    as_json,
-    points_of,
-    report,
-    scores_of,
-)
+from dev.trials.planted.score import CASES, CIRCLES, REPORTED, TABLE, Job, Point, as_json, points_of, report, scores_of
 
 KINDS = tuple(dict.fromkeys([TABLE, *(kind for _, kinds in CASES.values() for kind in kinds)]))
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.blind.real_scoring import Odds, RealCase, real_cases_of, real_report, reliability
-from tests.support.blind.scoring import wilson
+from dev.trials.blind.real_scoring import Odds, RealCase, real_cases_of, real_report, reliability
+from dev.trials.blind.scoring import wilson
 
 
 def arguments() -> argparse.Namespace:

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.blind.answers import name_in
-from tests.support.blind.scoring import wilson
-from tests.support.blind.trial import Job, make_case, runs_of
+from dev.trials.blind.answers import name_in
+from dev.trials.blind.scoring import wilson
+from dev.trials.blind.trial import Job, make_case, runs_of
 
 SEATS = {
     "transmission_error": "{axis}:{order:g}",

@@ -18,7 +18,7 @@ from _daemon_on_cell import daemon_on
 
 from analysis.traces.clocks import gauge_instants, robot_instants
 from daq.emulators import Adversity, emulated
-from daq.emulators.own_cycle import STEADY
+from daq.emulators.timed import STEADY
 from daq.store import read_run
 from rigs.load import find, parse
 from rigs.schema.gauges import Gauge

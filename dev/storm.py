@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
-from tests.support.storm.life import Told
-from tests.support.storm.mutants import MUTANTS
-from tests.support.storm.storm import weather
+from dev.trials.storm.life import Told
+from dev.trials.storm.mutants import MUTANTS
+from dev.trials.storm.storm import weather
 
 _WORLDS_EACH = 40
 """Worlds of one process, which then makes way for another: what libraries hold does not add up."""

@@ -102,7 +102,7 @@ client.disconnect()
 def ur_rtde() -> str:
     """SDU Robotics' client, in C++, reads our emulated controller."""
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.tcp_port import TcpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import rtde  # noqa: PLC0415
 
     if find_spec("rtde_receive") is None:
@@ -125,7 +125,7 @@ def abb_egm() -> str:
     from abb_robot_client.egm import EGM, egm_pb2  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.udp_port import UdpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import UdpPort  # noqa: PLC0415
     from daq.protocol.conversation import Sample  # noqa: PLC0415
     from rigs.schema.condition import ProgramState  # noqa: PLC0415
     from tests.support.drivers import egm  # noqa: PLC0415
@@ -161,7 +161,7 @@ def roslibpy() -> str:
     import roslibpy  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.tcp_port import TcpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import PANDA, joint_states  # noqa: PLC0415
 
     heard: list[dict[str, Any]] = []

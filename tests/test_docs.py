@@ -19,7 +19,7 @@ import yaml
 from typer.testing import CliRunner
 
 import analysis
-from analysis.cli import app
+from analysis.cli.commands import all_imported, app
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
 from rigs.interfaces import NO_DEFAULT, Interface, known, models, name_of
@@ -32,11 +32,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*
 _SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
 
 
-GROUPS = {
-    name: sorted(one.commands)
-    for name, one in typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
-    if hasattr(one, "commands")
-}
+RIG = all_imported()
+GROUPS = {name: sorted(one.commands) for name, one in RIG.commands.items() if hasattr(one, "commands")}
 """Commands that have commands below them."""
 
 
@@ -71,7 +68,7 @@ def _help(program: str, command: tuple[str, ...]) -> str:
 
 
 def _commands() -> list[tuple[str, ...]]:
-    names = sorted(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    names = sorted(RIG.commands)
     below = [(group, name) for group, names_below in GROUPS.items() for name in names_below]
     return [(), *((name,) for name in names), *below]
 
@@ -155,7 +152,7 @@ def _options(command: Any) -> Iterator[Any]:
 
 
 def test_every_option_says_what_it_takes_and_its_default() -> None:
-    options = [*_options(typer.main.get_command(app)), *_options(typer.main.get_command(rigd_app))]
+    options = [*_options(RIG), *_options(typer.main.get_command(rigd_app))]
     assert len(options) > 60
     for one in options:
         assert one.help and one.help[0].isupper() and one.help.endswith("."), one.name

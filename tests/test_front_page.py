@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.ground.score import scored
-from tests.support.ground.tasks import Size, make, read_tasks
+from dev.trials.ground.score import scored
+from dev.trials.ground.tasks import Size, make, read_tasks
 from tests.support.nightly import cases
 
 ROOT = Path(__file__).parents[1]

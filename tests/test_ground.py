@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from analysis.traces.tables import TouchTable
+from dev.trials.ground.arms import BALL_MM, effects_of, write_seen
+from dev.trials.ground.plain_arm import read_columns, read_poses, write_rows
+from dev.trials.ground.score import scored
+from dev.trials.ground.table import draw, markdown
+from dev.trials.ground.tasks import Size, make, read_tasks
 from rigs.arms import load_arm
-from tests.support.ground.arms import BALL_MM, effects_of, write_seen
-from tests.support.ground.plain_arm import read_columns, read_poses, write_rows
-from tests.support.ground.score import scored
-from tests.support.ground.table import draw, markdown
-from tests.support.ground.tasks import Size, make, read_tasks
 from tests.support.seven_axes import Fault, came_from, draw_truth, pose_table, touch_table
 
 ROOT = Path(__file__).parents[1]

@@ -1,4 +1,4 @@
-"""The command `rig`. Each command is a file; everything heavy is imported inside it, so that help is quick."""
+"""The command `rig`: its entry point, and how it ends. Each command is a file, which `commands` lists and imports."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ import io
 import os
 import sys
 import warnings
-from typing import Annotated, NoReturn
+from typing import NoReturn
 
 import typer
 from typer.exceptions import TyperException
 
 from analysis.batch.outcomes import is_numerical
-from analysis.cli.commands import HELP, Group, with_the_command_of
+from analysis.cli.commands import app
 from analysis.cli.console import say_error
-from rigs.distribution import version
 from rigs.errors import CellError, FileError, RigError, wrong_use
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0
@@ -29,6 +28,9 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """What the libraries beneath numpy and scipy read as they load. Their threads cost a diagnosis more than they give: its
 matrices are small, so two threads took 27.5 s of processor time where one takes 9.8 s (two cores, measured)."""
 
+_NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
+"""Without it pydantic reads what every installed package declares, for plugins: a twentieth of a small run."""
+
 _GARBAGE = 100_000
 """Objects after which Python looks for garbage. Imports make tens of thousands that stay: looked through at every 700,
 as Python has it, they cost a tenth of the time that a small run takes (0.80 of 0.89 s of CPU, measured)."""
@@ -36,26 +38,18 @@ as Python has it, they cost a tenth of the time that a small run takes (0.80 of 
 _INTERRUPTED = 130
 """What a shell expects of a program that Ctrl-C ended."""
 
-app = typer.Typer(
-    cls=Group,
-    context_settings=HELP,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
-)
-
 
 def main() -> None:
     """Entry point: every expected failure is one line and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
-    os.environ.update({name: os.environ.get(name, "1") for name in _THREADS})
+    os.environ.update({name: os.environ.get(name, "1") for name in (*_THREADS, _NO_PLUGINS)})
     forget_width_of_0()
     gc.set_threshold(_GARBAGE)
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)
     try:
-        sys.exit(with_the_command_of(app, sys.argv[1:])(standalone_mode=False))
+        sys.exit(app(standalone_mode=False))
     except TyperException as error:
         _wrong_use(error)
     except typer.Abort:
@@ -107,55 +101,3 @@ def _wrong_use(error: TyperException) -> NoReturn:
     if told is None:  # its help is printed; for `rig` alone that is what was asked for
         sys.exit(2 if sys.argv[1:] else 0)
     _fail(told)
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        typer.echo(f"rig {version()}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
-    ] = False,
-) -> None:
-    """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
-
-
-from analysis.cli import (  # noqa: E402 - each adds its commands
-    analyse,  # noqa: F401
-    arms,  # noqa: F401
-    automatic,  # noqa: F401
-    calibrate,  # noqa: F401
-    check,  # noqa: F401
-    circle,  # noqa: F401
-    compare,  # noqa: F401
-    correct,  # noqa: F401
-    diagnose,  # noqa: F401
-    doctor,  # noqa: F401
-    emulate,  # noqa: F401
-    example,  # noqa: F401
-    export,  # noqa: F401
-    export_urdf,  # noqa: F401
-    fleet,  # noqa: F401
-    history,  # noqa: F401
-    import_,  # noqa: F401
-    import_urdf,  # noqa: F401
-    init,  # noqa: F401
-    interfaces,  # noqa: F401
-    live,  # noqa: F401
-    logs,  # noqa: F401
-    paper,  # noqa: F401
-    plan,  # noqa: F401
-    program,  # noqa: F401
-    record,  # noqa: F401
-    relabel,  # noqa: F401
-    replay,  # noqa: F401
-    report,  # noqa: F401
-    runs,  # noqa: F401
-    session,  # noqa: F401
-    simulate,  # noqa: F401
-    window,  # noqa: F401
-)

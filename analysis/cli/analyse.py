@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
 from rigs.errors import UseError
@@ -44,8 +43,8 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
-    from analysis.cli.several import end_with, evaluated, over_runs, worst  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import end_with, evaluated, over_runs, worst
 
     paths = runs_below(runs, scheduler)
     if as_lines:
@@ -62,7 +61,7 @@ def analyse(
 
 def _as_line(run: Path) -> str:
     """A run and its figures as one line of JSON, plain ASCII."""
-    from analysis.measures.results import read_and_evaluated  # noqa: PLC0415
+    from analysis.measures.results import read_and_evaluated
 
     return json.dumps(read_and_evaluated(run).to_dict())
 
@@ -71,23 +70,23 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
     """Draw the pictures, and print the table or the JSON object."""
     truths = []
     if truth:
-        from analysis.reporting.truth import compare  # noqa: PLC0415
+        from analysis.reporting.truth import compare
 
         truths = compare(results, truth)
     if plot:
-        from analysis.cli.progress import progress_of  # noqa: PLC0415
-        from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
+        from analysis.cli.progress import progress_of
+        from analysis.reporting.plots import save_all_pictures
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))
         for picture in pictures:
             say(f"wrote {picture}", err=True)
     if as_json:
-        from analysis.reporting.run_object import as_object  # noqa: PLC0415
+        from analysis.reporting.run_object import as_object
 
         say_json(as_object(results, truths))
         return
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.reporting.run_report import as_tables  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole
+    from analysis.reporting.run_report import as_tables
 
     PlainConsole().print(as_tables(results, truths, each=each))

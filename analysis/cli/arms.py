@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson
 from rigs.text import plain_lines
@@ -39,9 +39,9 @@ def arms(
     as_json: AsJson = False,
 ) -> None:
     """List the arm library, or show one arm as the robot section of a rig file."""
-    from analysis.reporting import arms_table  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.arms import arm_names, load_arm  # noqa: PLC0415
+    from analysis.reporting import arms_table
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.arms import arm_names, load_arm
 
     if name is None:
         if calibration or output or poses:
@@ -57,7 +57,7 @@ def arms(
     arm = load_arm(name)
     robot, text = arm.robot, arms_table.section(arm)
     if calibration:
-        from analysis.arms.ur_calibration import calibrated  # noqa: PLC0415
+        from analysis.arms.ur_calibration import calibrated
 
         own = calibrated(arm, calibration)
         robot, text = own.section.robot, own.section.text
@@ -65,9 +65,9 @@ def arms(
         for doubt in own.doubts:
             say(doubt, err=True, mark="note: ")
     if poses:
-        from analysis.files.controller_constants import controller_constants  # noqa: PLC0415
-        from analysis.files.imports import poses_of_controller  # noqa: PLC0415
-        from rigs.load import parse  # noqa: PLC0415
+        from analysis.files.controller_constants import controller_constants
+        from analysis.files.imports import poses_of_controller
+        from rigs.load import parse
 
         seen = poses_of_controller([poses], parse(f"name: {name}\n{arm.text}", name))
         R = None if seen.turn is None else seen.turn.as_matrix()
@@ -82,7 +82,7 @@ def arms(
 
 def write_section(text: str, output: Path | None) -> None:
     """Write a section into a new file, or to the screen."""
-    from analysis.files.write import holding, write_new  # noqa: PLC0415
+    from analysis.files.write import holding, write_new
 
     if output is None:
         typer.echo(plain_lines(text), nl=False)

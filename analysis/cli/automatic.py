@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 
 
@@ -22,13 +22,13 @@ def automatic(
     ],
 ) -> None:
     """Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs like these."""
-    import yaml  # noqa: PLC0415
-    from pydantic import ValidationError  # noqa: PLC0415
+    import yaml
+    from pydantic import ValidationError
 
-    from analysis.traces.recording_rule import rule_of  # noqa: PLC0415
-    from daq.store import read_run  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
-    from rigs.schema.recording_rules import Automatic  # noqa: PLC0415
+    from analysis.traces.recording_rule import rule_of
+    from daq.store import read_run
+    from rigs.errors import FileError
+    from rigs.schema.recording_rules import Automatic
 
     rules = [rule_of(read_run(path)) for path in paths]
     try:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
 
@@ -47,16 +47,16 @@ def calibrate(
     as_json: AsJson = False,
 ) -> None:
     """Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig file."""
-    import analysis  # noqa: PLC0415
-    from analysis.cli.diagnose import by_use, say_correct  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import load_runs  # noqa: PLC0415
-    from analysis.cli.several import end_with, worst  # noqa: PLC0415
-    from analysis.reporting.diagnosis_report import write_model  # noqa: PLC0415
-    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
-    from analysis.reporting.extended_rig import hold_new  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    import analysis
+    from analysis.cli.diagnose import by_use, say_correct
+    from analysis.cli.progress import progress_of
+    from analysis.cli.run_paths import load_runs
+    from analysis.cli.several import end_with, worst
+    from analysis.reporting.diagnosis_report import write_model
+    from analysis.reporting.diagnosis_screen import as_screen
+    from analysis.reporting.extended_rig import hold_new
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.load import load
 
     if output:
         hold_new(output)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from rigs.errors import FileError, UseError
@@ -47,10 +47,10 @@ def check(
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
     """Hold runs of one robot against every convention. Ends with exit code 3 where one is contradicted."""
-    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
-    from analysis.cli.several import end_with, over_runs, worst  # noqa: PLC0415
-    from analysis.conventions.check import check_runs  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import end_with, over_runs, worst
+    from analysis.conventions.check import check_runs
+    from analysis.traces.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, runs_below(paths), runs.append, doing="reading")
@@ -84,13 +84,13 @@ def _lines(checked: Checked, runs: int) -> list[str]:
 
 
 def _check_rig(rig_file: str) -> None:
-    import datetime as dt  # noqa: PLC0415
+    import datetime as dt
 
-    from analysis.cli.several import end_with, worst  # noqa: PLC0415
-    from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
-    from analysis.noise.certificate import doubts_of  # noqa: PLC0415
-    from analysis.reporting.origins import begins_with, in_calibration  # noqa: PLC0415
-    from rigs.load import find, load  # noqa: PLC0415
+    from analysis.cli.several import end_with, worst
+    from analysis.geometry.feasible import feasible_tests
+    from analysis.noise.certificate import doubts_of
+    from analysis.reporting.origins import begins_with, in_calibration
+    from rigs.load import find, load
 
     rig, _ = load(rig_file)
     tests, errors = feasible_tests(rig, rig_file)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import Group, command
+from analysis.cli import completion
+from analysis.cli.commands import Group, app, command
 from analysis.cli.console import say
 from analysis.cli.options import AsJson
 from rigs.errors import FileError, RigPlace, UseError
@@ -55,9 +55,9 @@ def fit(
     of it for a second each. Gauges need not be connected. With --live, jog or
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
-    from analysis.cli.fitted_test import print_or_write, rig_file_to_write  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct  # noqa: PLC0415
-    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
+    from analysis.cli.fitted_test import print_or_write, rig_file_to_write
+    from analysis.cli.run_paths import distinct
+    from analysis.setting_up.driven_circle import driven_circle
 
     if bool(runs) == live:
         what = "both runs and --live are given" if live else "nothing is given to fit"
@@ -85,9 +85,9 @@ def fit_ball(
     ball: held by the link, or touching the ball. A yaw or roll run shows the same
     ball as the centre of its circle.
     """
-    from analysis.cli.fitted_test import print_or_write, rig_file_to_write  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct  # noqa: PLC0415
-    from daq.store import read_run  # noqa: PLC0415
+    from analysis.cli.fitted_test import print_or_write, rig_file_to_write
+    from analysis.cli.run_paths import distinct
+    from daq.store import read_run
 
     named = rig_file_to_write(rig_file, write)
     read = [read_run(path) for path in distinct(runs)]
@@ -99,8 +99,8 @@ def fit_ball(
 
 def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
-    from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
-    from daq.store import read_run  # noqa: PLC0415
+    from analysis.traces.robot_motion import motion_in
+    from daq.store import read_run
 
     runs = [read_run(path) for path in paths]
     to = named or _rig_of(runs[0])
@@ -110,20 +110,20 @@ def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotM
 
 
 def _rig_of(run: Run) -> RigFile:
-    from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+    from analysis.cli.fitted_test import RigFile
 
     return RigFile(_rig_in(run), run.manifest.rig_text, None)
 
 
 def _rig_in(run: Run) -> Rig:
-    from rigs.load import parse  # noqa: PLC0415
+    from rigs.load import parse
 
     return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
 def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
-    from analysis.inference.placements import same_arm  # noqa: PLC0415
-    from analysis.kinematics.arm import arm_of  # noqa: PLC0415
+    from analysis.inference.placements import same_arm
+    from analysis.kinematics.arm import arm_of
 
     if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
         what = f"is of another robot than {rig.name}: its link constants differ"
@@ -132,11 +132,11 @@ def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
-    from analysis.cli.fitted_test import RigFile, u_written  # noqa: PLC0415
-    from analysis.live.joint_watch import watched_motion  # noqa: PLC0415
-    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
-    from rigs.load import parse  # noqa: PLC0415
+    from analysis.cli.fitted_test import RigFile, u_written
+    from analysis.live.joint_watch import watched_motion
+    from analysis.setting_up.driven_circle import driven_circle
+    from daq.service.client import Client, find_socket
+    from rigs.load import parse
 
     with Client(find_socket(named.rig.name if named else None)) as client:
         text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
@@ -159,9 +159,9 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
 
 
 def _as_test(found: DrivenCircle) -> FittedTest:
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
+    from analysis.cli.fitted_test import FittedTest
 
     u = {
         "centre_mm": found.u_centre_mm.tolist(),
@@ -174,11 +174,11 @@ def _as_test(found: DrivenCircle) -> FittedTest:
 
 def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     """The ball of runs of one kind: from stands about it, or as the centre of the circle about it."""
-    from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
-    from analysis.setting_up.driven_circle import driven_circle  # noqa: PLC0415
-    from analysis.setting_up.touched_ball import touched_ball  # noqa: PLC0415
-    from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
-    from rigs.schema.vocabulary import CIRCLES  # noqa: PLC0415
+    from analysis.cli.fitted_test import FittedTest
+    from analysis.setting_up.driven_circle import driven_circle
+    from analysis.setting_up.touched_ball import touched_ball
+    from analysis.traces.robot_motion import motion_in
+    from rigs.schema.vocabulary import CIRCLES
 
     circles = [run.manifest.test in CIRCLES for run in runs]
     if any(circles) != all(circles):

@@ -1,31 +1,136 @@
-"""How each command is declared: with an example below its help, and with flags that show no `<bool>`.
+"""The commands of `rig`: listed here with a line each, imported when one is named.
 
-typer writes the type of every option into its help. For a flag that is `<bool>`, which reads as if a value followed.
-It also makes much ready that the command at hand does not need, which is half of the time of its help.
+How each is declared: with an example below its help, and with flags that show no `<bool>`. typer writes the type of
+every option into its help; for a flag that is `<bool>`, which reads as if a value followed.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
-from typer.main import get_command_name
-from typer.models import CommandInfo
+from typer.main import get_command_name, get_group
 
-HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+from rigs.distribution import version
+
+JOBS = {
+    "Set up": {
+        "example": "Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start "
+        "from.",
+        "init": "Look for gauges and robot, ask which is which, and write a checked rig file.",
+        "check": "Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of "
+        "runs, check whether units, joints, gauges, times and places are meant as labelled.",
+        "doctor": "Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.",
+        "interfaces": "List the gauge and robot interfaces: instruments, line settings, source of the protocol, and "
+        "what is in doubt.",
+        "arms": "List the arm library, or show one arm as the robot section of a rig file.",
+        "import-urdf": "Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad.",
+        "circle": "Find the circle of a rig file from the robot's motion.",
+        "ball": "Find the ball of the hemisphere from the robot's stands.",
+    },
+    "Measure": {
+        "session": "Measure, understand, correct and verify a robot, one program after the other.",
+        "plan": "Report which effects the tests can detect and distinguish, from which size on, and which test adds "
+        "the most.",
+        "program": "Write the robot programs of a test, after a check of limits, singularities and turns; the robot is "
+        "not moved.",
+        "record": "Start and stop a recording of the running daemon.",
+        "automatic": "Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs "
+        "like these.",
+        "live": "Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.",
+        "window": "Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.",
+        "status": "Show what the daemon reads and records now.",
+        "emulate": "Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.",
+        "replay": "Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its "
+        "end.",
+    },
+    "Understand": {
+        "analyse": "Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty.",
+        "report": "Write one page: the verdict against the limits, what is wrong and what to do, then every test with "
+        "pictures.",
+        "diagnose": "Find where simulation and measurement differ, name the missing effects, and verify that they "
+        "close the gap.",
+        "compare": "Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by "
+        "side.",
+        "simulate": "Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to "
+        "run.",
+        "history": "Show each figure of a robot over time, and report what changed by more than the scatter between "
+        "its runs.",
+        "fleet": "List the robots of a plant: state against limits, what changed and since when, runs and doubts.",
+        "paper": "Simulate and evaluate the tests of the paper, and show its figures beside those computed here.",
+    },
+    "Correct": {
+        "calibrate": "Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig "
+        "file.",
+        "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
+        "support it.",
+    },
+    "Look after runs and daemon": {
+        "runs": "List runs with size and age, whether they were exported, and whether they are kept.",
+        "verify": "Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or "
+        "missing.",
+        "recover": "Recover runs that were cut off: keep every verified batch, and report what is lost.",
+        "relabel": "Correct the labels of runs; their ledgers keep the old labels.",
+        "keep": "Mark runs as kept: rigd never deletes them, whatever the rig file says of retention.",
+        "logs": "Show what the services rigd@NAME have logged, and when systemd started and stopped them.",
+        "metrics": "Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus.",
+    },
+    "Exchange": {
+        "import": "Create a run from each table of measurements; every bad row is reported with its line and the "
+        "reason.",
+        "export": "Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of "
+        "its import.",
+        "export-urdf": "Write the arm of a rig file as a URDF, with the joint zeros and link constants that were "
+        "found.",
+    },
+}
+"""The commands by what a person wants to do, in the order of the work, each with the first paragraph of its help."""
+
+_FILES = {
+    **dict.fromkeys(("status", "metrics"), "record"),
+    **dict.fromkeys(("keep", "verify", "recover"), "runs"),
+    "ball": "circle",
+    "import": "import_",
+}
+"""The file of a command that is not called like it."""
+
+_HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 """The names of the help of every command."""
+_OF_TYPER = ("help", "install_completion", "show_completion")
+"""The flags that typer adds."""
+_NEVER_SHOWN = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
+"""Modules that typer imports to lay out help, which none of rig's has: more than half of the time that help took."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+@contextmanager
+def _without_what_is_never_shown() -> Iterator[None]:
+    """Let a class without content stand for each of those modules while typer's pages are imported."""
+    absent = [name for name in _NEVER_SHOWN if name not in sys.modules]
+    for name in absent:
+        sys.modules[name] = ModuleType(name)
+        setattr(sys.modules[name], _NEVER_SHOWN[name], type(_NEVER_SHOWN[name], (), {}))
+    try:
+        yield
+    finally:
+        for name in absent:
+            del sys.modules[name]
+
+
 def _with_plain_flags(parameters: list[Any]) -> list[Any]:
-    for one in parameters:
-        if isinstance(one, TyperOption) and one.is_flag:
-            one.metavar = ""
-            if one.name == "help":
-                one.default = False  # typer's is None, and to make a bool of that it would import pydantic
+    for parameter in parameters:
+        if isinstance(parameter, TyperOption) and parameter.is_flag:
+            parameter.metavar = ""
+            if parameter.name in _OF_TYPER:
+                parameter.default = False  # typer's is None, and to make a bool of that it would import pydantic
     return parameters
 
 
@@ -48,35 +153,16 @@ class Command(TyperCommand):
         spelled = [word.partition("=") for word in args]
         return super().parse_args(ctx, ["".join((new_names.get(name, name), *rest)) for name, *rest in spelled])
 
-
-JOBS = {
-    "Set up": ("example", "init", "check", "doctor", "interfaces", "arms", "import-urdf", "circle", "ball"),
-    "Measure": ("session", "plan", "program", "record", "automatic", "live", "window", "status", "emulate", "replay"),
-    "Understand": ("analyse", "report", "diagnose", "compare", "simulate", "history", "fleet", "paper"),
-    "Correct": ("calibrate", "correct"),
-    "Look after runs and daemon": ("runs", "verify", "recover", "relabel", "keep", "logs", "metrics"),
-    "Exchange": ("import", "export", "export-urdf"),
-}
-"""The commands by what a person wants to do, in the order of the work."""
-_JOB_OF = {name: job for job, names in JOBS.items() for name in names}
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        with _without_what_is_never_shown():
+            super().format_help(ctx, formatter)
 
 
 class Group(TyperGroup):
-    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set; the
-    commands of `rig` are listed by job.
+    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set.
 
     rich respects that variable for tables and help; typer's own `echo` does not, but asks the context.
     """
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        order = list(_JOB_OF)
-        return sorted(super().list_commands(ctx), key=lambda name: order.index(name) if name in order else len(order))
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        found = super().get_command(ctx, cmd_name)
-        if found is not None and ctx.parent is None and cmd_name in _JOB_OF:
-            found.rich_help_panel = _JOB_OF[cmd_name]  # type: ignore[attr-defined]  # of typer's commands
-        return found
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if os.environ.get("NO_COLOR"):
@@ -86,28 +172,73 @@ class Group(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        with _without_what_is_never_shown():
+            super().format_help(ctx, formatter)
+
+
+class _Program(Group):
+    """The commands of `rig`, as they are listed; the one that is called is imported then."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = {
+            name: Command(name, help=summary, rich_help_panel=job)
+            for job, summaries in JOBS.items()
+            for name, summary in summaries.items()
+        }
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        name, listed, rest = super().resolve_command(ctx, args)
+        return name, listed and imported(str(name)), rest
+
+
+app = typer.Typer(
+    cls=_Program,
+    context_settings=_HELP,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"rig {version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
+
+
+def imported(name: str) -> TyperCommand | TyperGroup:
+    """Return a command of `rig`, or a group of them, as its file declares it. name: one that is listed above."""
+    import_module(f"analysis.cli.{_FILES.get(name, name.replace('-', '_'))}")
+    narrow = typer.Typer(cls=Group, context_settings=_HELP)
+    narrow.registered_commands = [
+        info
+        for info in app.registered_commands
+        if name == (info.name or get_command_name(info.callback.__name__ if info.callback else ""))
+    ]
+    narrow.registered_groups = [info for info in app.registered_groups if info.name == name]
+    return get_group(narrow).commands[name]  # type: ignore[return-value]  # commands are typer's
+
+
+def all_imported() -> TyperGroup:
+    """Return the group `rig` with every command and group as its file declares it."""
+    program = get_group(app)
+    program.commands = {name: imported(name) for name in program.commands}
+    return program
+
 
 def command(
     group: typer.Typer, example: str, *, name: str | None = None, cls: type[Command] = Command
 ) -> Callable[[F], F]:
     """Declare a function as a command of a group, with one line that a person could type."""
     return group.command(name, cls=cls, epilog=f"Example: {example}")
-
-
-def with_the_command_of(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
-    """The program with no command but the one that the first word names, as it is where that names none.
-
-    typer makes all commands ready before it looks which is meant, and reads the signature of each: a sixteenth of a
-    small run. Its own options that install completion stand before a command; to find them empty it imports pydantic, a
-    third of the time that the help of a command takes.
-    """
-    first = words[0] if words else ""
-    narrow = typer.Typer(cls=Group, add_completion=False, pretty_exceptions_enable=False, context_settings=HELP)
-    narrow.registered_callback = app.registered_callback
-    narrow.registered_commands = [one for one in app.registered_commands if _name(one) == first]
-    narrow.registered_groups = [one for one in app.registered_groups if one.name == first]
-    return narrow if narrow.registered_commands or narrow.registered_groups else app
-
-
-def _name(command: CommandInfo) -> str | None:
-    return command.name or (get_command_name(command.callback.__name__) if command.callback else None)

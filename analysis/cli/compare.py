@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import Command, command
+from analysis.cli import completion
+from analysis.cli.commands import Command, app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
 from rigs.errors import UseError
@@ -65,7 +65,7 @@ def compare(
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
     """
-    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below
 
     runs = runs_below(runs)
     if against:
@@ -73,10 +73,10 @@ def compare(
             raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
         _before_and_after(runs, runs_below(against), as_json)
         return
-    import analysis  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.reporting import comparison_report  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    import analysis
+    from analysis.cli.progress import progress_of
+    from analysis.reporting import comparison_report
+    from analysis.reporting.plain_console import PlainConsole
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
@@ -95,11 +95,11 @@ def compare(
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct  # noqa: PLC0415
-    from analysis.history.before_after import differences  # noqa: PLC0415
-    from analysis.history.screen import as_differences  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.cli.run_paths import distinct
+    from analysis.history.before_after import differences
+    from analysis.history.screen import as_differences
+    from analysis.reporting.plain_console import PlainConsole
 
     with progress_of():
         found = differences(list(distinct(after)), list(distinct(before)))

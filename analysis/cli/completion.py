@@ -14,6 +14,8 @@ from pathlib import Path
 
 import typer
 
+SERVED = Path("/etc/rig")
+"""Where the rig files of services are."""
 _LEVELS = 2
 """Runs are looked for so many levels below the directory typed, as runs/NAME is below none, not in a whole disk."""
 
@@ -58,7 +60,7 @@ def _is_run(path: Path) -> bool:
 @_quietly
 def rig_files(incomplete: str) -> Iterator[str]:
     """Offer the rig files of the directory typed, and the names of the shipped ones."""
-    from rigs.load import shipped  # noqa: PLC0415
+    from rigs.load import shipped
 
     folder = "".join(incomplete.rpartition("/")[:2])
     yield from (folder + file.name for file in sorted(Path(folder).glob("*.yaml")))
@@ -68,7 +70,7 @@ def rig_files(incomplete: str) -> Iterator[str]:
 @_quietly
 def arms() -> Iterator[str]:
     """Offer the arms of the library."""
-    from rigs.arms import arm_names  # noqa: PLC0415
+    from rigs.arms import arm_names
 
     yield from arm_names()
 
@@ -84,7 +86,7 @@ def robots(ctx: typer.Context) -> Iterator[str]:
 @_quietly
 def daemons() -> Iterator[str]:
     """Offer the rigs whose daemons run."""
-    from daq.service.client import sockets  # noqa: PLC0415
+    from daq.service.client import sockets
 
     yield from (path.stem for path in sockets())
 
@@ -92,6 +94,4 @@ def daemons() -> Iterator[str]:
 @_quietly
 def services() -> Iterator[str]:
     """Offer the rigs that a service is set up for."""
-    from analysis.cli.doctor import SERVED  # noqa: PLC0415
-
     yield from sorted(file.stem for file in SERVED.glob("*.yaml"))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
@@ -101,15 +101,15 @@ def correct(
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
 
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.correction.controllers import scale_of  # noqa: PLC0415
-    from analysis.correction.correct import correct_rig, target_errors  # noqa: PLC0415
-    from analysis.correction.corrected_program import Programs  # noqa: PLC0415
-    from analysis.correction.programs.frames import frames_of  # noqa: PLC0415
-    from analysis.correction.refusal import hold_verdict  # noqa: PLC0415
-    from analysis.reporting import correction_report  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.load import load, named_by  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.correction.controllers import scale_of
+    from analysis.correction.correct import correct_rig, target_errors
+    from analysis.correction.corrected_program import Programs
+    from analysis.correction.programs.frames import frames_of
+    from analysis.correction.refusal import hold_verdict
+    from analysis.reporting import correction_report
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.load import load, named_by
 
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)

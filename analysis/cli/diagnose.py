@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
 from rigs.errors import RigError, UseError
@@ -61,11 +61,11 @@ def diagnose(
     scheduler: Scheduler = None,
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
-    import analysis  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import load_runs  # noqa: PLC0415
-    from analysis.cli.several import end_with, worst  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    import analysis
+    from analysis.cli.progress import progress_of
+    from analysis.cli.run_paths import load_runs
+    from analysis.cli.several import end_with, worst
+    from rigs.load import load
 
     if output:
         _hold_writable(output)
@@ -94,8 +94,8 @@ def diagnose(
 def _hold_writable(output: Path) -> None:
     """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
     only for it, since it takes half a second."""
-    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
-    from analysis.reporting.html_page import is_page  # noqa: PLC0415
+    from analysis.reporting.diagnosis_report import hold_empty
+    from analysis.reporting.html_page import is_page
 
     if not is_page(output):
         hold_empty(output)
@@ -103,7 +103,7 @@ def _hold_writable(output: Path) -> None:
 
 def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
     """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
-    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below
 
     every, held, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
     used = [path for path in every if path not in {*held, *elsewhere}]
@@ -113,8 +113,8 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
 
 
 def _show(found: Diagnosis, *, as_json: bool) -> None:
-    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.diagnosis_screen import as_screen
+    from analysis.reporting.plain_console import PlainConsole
 
     if as_json:
         say_json(found.to_dict())
@@ -124,12 +124,12 @@ def _show(found: Diagnosis, *, as_json: bool) -> None:
 
 def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, errors: Sequence[RigError]) -> None:
     """Write the page, or the directory; the rig file with what was missing comes last there."""
-    from analysis import evaluate_runs  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
-    from analysis.reporting.html_page import is_page  # noqa: PLC0415
-    from analysis.reporting.page.report import gather  # noqa: PLC0415
-    from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
+    from analysis import evaluate_runs
+    from analysis.cli.progress import progress_of
+    from analysis.reporting.diagnosis_report import write
+    from analysis.reporting.html_page import is_page
+    from analysis.reporting.page.report import gather
+    from analysis.reporting.page.write_page import write_page
 
     if is_page(output):
         with progress_of() as progress:
@@ -149,7 +149,7 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
 
 def say_correct(found: Diagnosis, model: Path) -> None:
     """Say how the model that was written is corrected by, unless it is to correct nothing."""
-    from rigs.calibration import verdict_of  # noqa: PLC0415
+    from rigs.calibration import verdict_of
 
     if found.calibrated is None or verdict_of(found.calibrated) == "correct":
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

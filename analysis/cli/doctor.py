@@ -7,13 +7,11 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
+from analysis.cli.completion import SERVED
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
 
-SERVED = Path("/etc/rig")
-"""Where the rig files of services are."""
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 
 
@@ -33,12 +31,12 @@ def doctor(
     are read in other ways than the rig file says, until one moves like a probe.
     Exit code 1 where something is wrong.
     """
-    import dataclasses  # noqa: PLC0415
-    from functools import partial  # noqa: PLC0415
+    import dataclasses
+    from functools import partial
 
-    from daq.doctor import Verdict, examine, scan_modbus  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import find, is_shipped, load  # noqa: PLC0415
+    from daq.doctor import Verdict, examine, scan_modbus
+    from rigs.errors import UseError
+    from rigs.load import find, is_shipped, load
 
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, maker_option
 from rigs.schema.vocabulary import Maker
@@ -57,17 +56,17 @@ def emulate(
     end. show speed_percent 40, and the like, changes what the robot shows of
     its condition, not how it drives.
     """
-    import signal  # noqa: PLC0415
-    from queue import SimpleQueue  # noqa: PLC0415
+    import signal
+    from queue import SimpleQueue
 
-    from analysis.emulation.cell_files import write_cell_files  # noqa: PLC0415
-    from analysis.emulation.keyboard import Keyboard  # noqa: PLC0415
-    from analysis.emulation.pendant import Pendant  # noqa: PLC0415
-    from analysis.setup.dialogue import has_keyboard  # noqa: PLC0415
-    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot  # noqa: PLC0415
-    from daq.emulators import emulated  # noqa: PLC0415
-    from rigs.errors import FileError, UseError  # noqa: PLC0415
-    from rigs.load import load, load_hidden, named_by  # noqa: PLC0415
+    from analysis.emulation.cell_files import write_cell_files
+    from analysis.emulation.keyboard import Keyboard
+    from analysis.emulation.pendant import Pendant
+    from analysis.setup.dialogue import has_keyboard
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot
+    from daq.emulators import emulated
+    from rigs.errors import FileError, UseError
+    from rigs.load import load, load_hidden, named_by
 
     if maker and programs is None:
         raise UseError("--for", "is for the controller that drives --programs", "give --programs as well")
@@ -105,8 +104,8 @@ def emulate(
 def locked_cell(directory: Path) -> InstanceLock:
     """Make the directory of an emulated or replayed cell, and lock it. Raises FileError where it cannot be made, and
     CellError where another cell is served in it."""
-    from daq.service.instance_lock import InstanceLock  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from daq.service.instance_lock import InstanceLock
+    from rigs.errors import FileError
 
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -118,8 +117,8 @@ def locked_cell(directory: Path) -> InstanceLock:
 def rig_file_of_cell(directory: Path) -> Path:
     """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
     FileError for any other rig file."""
-    from analysis.emulation.cell_files import RIG, TRUTH  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.emulation.cell_files import RIG, TRUTH
+    from rigs.errors import FileError
 
     path = directory / RIG
     if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 
 
@@ -19,8 +18,8 @@ def example(
     ],
 ) -> None:
     """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
-    from analysis.files.write import holding, write_all_new  # noqa: PLC0415
-    from rigs.load import shipped, shipped_effects  # noqa: PLC0415
+    from analysis.files.write import holding, write_all_new
+    from rigs.load import shipped, shipped_effects
 
     sources = [*shipped().values(), *shipped_effects().values()]
     for path in write_all_new(folder, {source.name: holding(source.read_bytes()) for source in sources}):

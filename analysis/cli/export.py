@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Runs
 from analysis.cli.several import for_each
@@ -37,7 +36,7 @@ def export(
     """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
 
     Foxglove and PlotJuggler show an MCAP file."""
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import FileError
 
     if len(paths) == 1:
         _export(paths[0], to, output)
@@ -53,14 +52,14 @@ def export(
 
 def _export(path: Path, to: Format, output: Path) -> None:
     """Write one file, and mark the run as exported; a map is no export of its readings."""
-    from functools import partial  # noqa: PLC0415
+    from functools import partial
 
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
-    from analysis.files.write import holding, write_csv, write_new, write_parquet, write_xlsx  # noqa: PLC0415
-    from analysis.traces.loading import measured_of  # noqa: PLC0415
-    from daq.store import durable, mark_exported, read_run  # noqa: PLC0415
-    from rigs.errors import CellError, RigError  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.files.mcap_export import write_mcap
+    from analysis.files.write import holding, write_csv, write_new, write_parquet, write_xlsx
+    from analysis.traces.loading import measured_of
+    from daq.store import durable, mark_exported, read_run
+    from rigs.errors import CellError, RigError
 
     doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
@@ -92,7 +91,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
 
 
 def _map_of(run: Run) -> bytes:
-    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.errors import FileError
 
     table = run.manifest.table
     if table is None or not table.map:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from analysis.cli import app
 from analysis.cli.arms import write_section
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
 
@@ -48,12 +47,12 @@ def export_urdf(
 
     Compliance, waves and plays are not geometry: they stay behind, and the command says how much that is.
     """
-    from analysis.arms.ur_driver import ur_driver_text  # noqa: PLC0415
-    from analysis.arms.urdf_text import urdf_text  # noqa: PLC0415
-    from analysis.correction.geometric_share import geometric_share  # noqa: PLC0415
-    from analysis.model.geometric_arm import geometric_arm  # noqa: PLC0415
-    from analysis.model.predict import model_of  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from analysis.arms.ur_driver import ur_driver_text
+    from analysis.arms.urdf_text import urdf_text
+    from analysis.correction.geometric_share import geometric_share
+    from analysis.model.geometric_arm import geometric_arm
+    from analysis.model.predict import model_of
+    from rigs.load import load
 
     if calibration_hash is not None and reader == "urdf":
         raise typer.BadParameter("a URDF has no hash; add --for ur-driver", param_hint="--hash")

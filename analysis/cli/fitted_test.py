@@ -118,7 +118,7 @@ def _not_drivable(rig: Rig) -> list[str]:
 
 
 def _program_error(rig: Rig) -> RigError | None:
-    from analysis.geometry.programs import circle_program  # noqa: PLC0415 - slow to import, needed here only
+    from analysis.geometry.programs import circle_program
 
     try:
         circle_program(rig, "acw")
@@ -145,7 +145,7 @@ def _with_posture(rig: Rig, posture_deg: tuple[float, ...]) -> Rig:
 
 def _replace(path: Path, old: str, new: str) -> Path:
     """Put a new text under the file's name, durably; the old one stays beside it under a name that was free."""
-    from daq.store import durable  # noqa: PLC0415 - not on every system
+    from daq.store import durable
 
     path = path.resolve()  # a link stays one
     try:

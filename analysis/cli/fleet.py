@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
 from analysis.cli.progress import CountedProgress
@@ -52,16 +51,16 @@ def fleet(
 
     A robot is a name of a rig file in one directory of runs. Runs that
     are as they were are not read again: a catalogue keeps their figures."""
-    from analysis.fleet import catalogue as kept  # noqa: PLC0415
-    from analysis.fleet.gather import gather  # noqa: PLC0415
-    from analysis.history.collect import Workers  # noqa: PLC0415
+    from analysis.fleet import catalogue as kept
+    from analysis.fleet.gather import gather
+    from analysis.history.collect import Workers
 
     if output:
-        from analysis.reporting.html_page import hold_page  # noqa: PLC0415
+        from analysis.reporting.html_page import hold_page
 
         hold_page(output)
     if parquet:
-        from analysis.files.existing import refuse_foreign  # noqa: PLC0415
+        from analysis.files.existing import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
     if catalogue:
@@ -76,20 +75,20 @@ def fleet(
         except kept.Damaged:
             kept.remove(file)  # the error says that the next start makes it again
             raise
-    from analysis.fleet import screen  # noqa: PLC0415
+    from analysis.fleet import screen
 
     if as_json:
         say_json(screen.as_object(found))
     else:
-        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+        from analysis.reporting.plain_console import PlainConsole
 
         PlainConsole().print(screen.as_screen(found))
 
 
 def _own_catalogue(directory: Path, until: ExitStack) -> Path:
     """The catalogue in the user's cache, or one for this time where that cannot be written: it only saves time."""
-    from analysis.fleet import catalogue as kept  # noqa: PLC0415
-    from rigs.errors import CellError  # noqa: PLC0415
+    from analysis.fleet import catalogue as kept
+    from rigs.errors import CellError
 
     file = kept.default_path(directory)
     try:
@@ -103,12 +102,12 @@ def _own_catalogue(directory: Path, until: ExitStack) -> Path:
 def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
     """Write what was asked for."""
     if parquet:
-        from analysis.fleet.table import write_figures  # noqa: PLC0415
+        from analysis.fleet.table import write_figures
 
         write_figures(found, parquet)
         say(f"table: {parquet}", err=True)
     if output:
-        from analysis.fleet.page import write_pages  # noqa: PLC0415
+        from analysis.fleet.page import write_pages
 
         for line in write_pages(found, output, workers, progress):
             say(f"warning: {line}", err=True)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
 from analysis.cli.progress import CountedProgress
@@ -51,54 +51,54 @@ def history(
     scheduler: Scheduler = None,
 ) -> None:
     """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
-    from analysis.history.collect import Workers  # noqa: PLC0415
-    from analysis.history.history import history_of  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from analysis.history.collect import Workers
+    from analysis.history.history import history_of
+    from rigs.errors import UseError
+    from rigs.load import load
 
     if as_json and as_csv:
         raise UseError("--json and --csv", "cannot both be printed", "give one of them")
     if output:
-        from analysis.reporting.html_page import hold_page  # noqa: PLC0415
+        from analysis.reporting.html_page import hold_page
 
         hold_page(output)
     collected = _collected(runs, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
-        from analysis.history.page import write_page  # noqa: PLC0415
+        from analysis.history.page import write_page
 
         write_page(found, output)
         say(f"page: {output}", err=True)
-    from analysis.history import screen  # noqa: PLC0415
+    from analysis.history import screen
 
     if as_json:
         say_json(screen.as_object(found))
     elif as_csv:
-        import io  # noqa: PLC0415
+        import io
 
-        from analysis.files.write import write_csv  # noqa: PLC0415
+        from analysis.files.write import write_csv
 
         text = io.BytesIO()
         write_csv(screen.as_table(found.series), text)
         for line in text.getvalue().decode().splitlines():
             say(line)
     else:
-        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+        from analysis.reporting.plain_console import PlainConsole
 
         PlainConsole().print(screen.as_screen(found))
 
 
 def _collected(data: Path, robot: str, workers: Workers) -> Collected:
     """The runs of the robot; of those elsewhere the catalogue that `rig fleet` keeps knows what has not changed."""
-    from analysis.batch.remote_path import RemotePath  # noqa: PLC0415
+    from analysis.batch.remote_path import RemotePath
 
     if isinstance(data, RemotePath):
-        from analysis.fleet.catalogue import default_path  # noqa: PLC0415
-        from analysis.fleet.robot import collect_by_catalogue  # noqa: PLC0415
+        from analysis.fleet.catalogue import default_path
+        from analysis.fleet.robot import collect_by_catalogue
 
         return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
-    from analysis.history.collect import collect  # noqa: PLC0415
+    from analysis.history.collect import collect
 
     shown = partial(CountedProgress(), "evaluating runs that are new or have changed")
     return collect(data, robot, shown, workers)

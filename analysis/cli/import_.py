@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
@@ -74,11 +74,11 @@ def import_(
     remains open is asked; without a terminal the map is written for you to
     complete, and nothing is imported.
     """
-    from analysis import read_table, save_run  # noqa: PLC0415
-    from analysis.cli.import_map import mapped_run, needs_map  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.files.bags import file_of  # noqa: PLC0415
-    from analysis.files.existing import refuse_existing  # noqa: PLC0415
+    from analysis import read_table, save_run
+    from analysis.cli.import_map import mapped_run, needs_map
+    from analysis.cli.progress import progress_of
+    from analysis.files.bags import file_of
+    from analysis.files.existing import refuse_existing
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")

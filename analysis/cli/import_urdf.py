@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
 from analysis.cli.arms import write_section
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 
 
@@ -28,7 +27,7 @@ def import_urdf(
     ] = None,
 ) -> None:
     """Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad."""
-    from analysis.arms.urdf import import_urdf as imported  # noqa: PLC0415
+    from analysis.arms.urdf import import_urdf as imported
 
     arm = imported(file, base, tip)
     section = arm.section

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
 
@@ -88,8 +87,8 @@ def init(
     until that is written, so that an interrupted rig init goes on where it was.
     Without a terminal, every question has its option.
     """
-    from analysis.cli.check import check  # noqa: PLC0415
-    from analysis.setup.options import Options, keys_of, places_of  # noqa: PLC0415
+    from analysis.cli.check import check
+    from analysis.setup.options import Options, keys_of, places_of
 
     keys = keys_of(key or ())
     options = Options(
@@ -120,9 +119,9 @@ def init(
 
 def _make(options: Options) -> None:
     """Ask, and write the rig file; exit where the person stops."""
-    from analysis.setup.answers import kept_in  # noqa: PLC0415
-    from analysis.setup.dialogue import Stopped, at_terminal  # noqa: PLC0415
-    from analysis.setup.session import make_rig_file  # noqa: PLC0415
+    from analysis.setup.answers import kept_in
+    from analysis.setup.dialogue import Stopped, at_terminal
+    from analysis.setup.session import make_rig_file
 
     try:
         make_rig_file(options, at_terminal(say, progress_of))
@@ -135,9 +134,9 @@ def _make(options: Options) -> None:
 
 
 def _found(options: Options) -> dict[str, object]:
-    from analysis.setup.gauge_questions import ports_of, reports_of  # noqa: PLC0415
-    from analysis.setup.robot_questions import robot_at  # noqa: PLC0415
-    from daq.discovery import ports_here  # noqa: PLC0415
+    from analysis.setup.gauge_questions import ports_of, reports_of
+    from analysis.setup.robot_questions import robot_at
+    from daq.discovery import ports_here
 
     robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
     with progress_of("looking at the ports") as doing:
@@ -152,7 +151,7 @@ def _name_of(rig_file: Path) -> str:
 
 def next_steps(rig_file: Path) -> list[str]:
     """Return what to do with a new rig file, a command a line."""
-    from rigs.load import load  # noqa: PLC0415
+    from rigs.load import load
 
     rig, _ = load(rig_file)
     file = shlex.quote(str(rig_file))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say_json
 from analysis.cli.options import AsJson
 
@@ -13,11 +12,11 @@ def interfaces(
     as_json: AsJson = False,
 ) -> None:
     """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
-    from dataclasses import asdict  # noqa: PLC0415
+    from dataclasses import asdict
 
-    from analysis.reporting.interfaces_table import as_table  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.interfaces import known  # noqa: PLC0415
+    from analysis.reporting.interfaces_table import as_table
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.interfaces import known
 
     found = known()
     if as_json:

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.record import RigName
 
@@ -41,8 +41,8 @@ def live(
     daemon does. Without a terminal, and without --plain or --json, the state
     of the daemon is printed once.
     """
-    from analysis.live.terminal import is_terminal  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
+    from analysis.live.terminal import is_terminal
+    from rigs.errors import UseError
 
     if plain and as_json:
         raise UseError("--plain and --json", "exclude each other", "give one of them")
@@ -50,8 +50,8 @@ def live(
         raise UseError("--speed", "is allowed only with --run", "give the run to play")
     in_lines = plain or as_json
     if run:
-        from analysis.live.loop import RunPlayer, print_lines, watch  # noqa: PLC0415
-        from analysis.live.played_run import played_run  # noqa: PLC0415
+        from analysis.live.loop import RunPlayer, print_lines, watch
+        from analysis.live.played_run import played_run
 
         runs = [played_run(path, speed or 1.0) for path in run]
         player, view = RunPlayer(runs), runs[0].begun()
@@ -61,20 +61,20 @@ def live(
             watch(player, view, runs[0].zero_mm)
         return
 
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket
 
     socket = find_socket(rig)
     if not in_lines and not is_terminal():
-        from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
-        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+        from analysis.reporting.daemon_screen import screen
+        from analysis.reporting.plain_console import PlainConsole
 
         with Client(socket) as client:
             PlainConsole().print(screen(client.ask("status")))
         return
 
-    from analysis.live.daemon_source import DaemonSource  # noqa: PLC0415
-    from analysis.live.loop import DaemonPlayer, print_lines, watch  # noqa: PLC0415
-    from analysis.live.view import LiveView  # noqa: PLC0415
+    from analysis.live.daemon_source import DaemonSource
+    from analysis.live.loop import DaemonPlayer, print_lines, watch
+    from analysis.live.view import LiveView
 
     with DaemonSource(socket) as source:
         daemon = DaemonPlayer(source)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from rigs.text import plain
 
 if TYPE_CHECKING:
@@ -32,10 +32,10 @@ def logs(
     ] = False,
 ) -> None:
     """Show what the services rigd@NAME have logged, and when systemd started and stopped them."""
-    import contextlib  # noqa: PLC0415
-    from pathlib import Path  # noqa: PLC0415
+    import contextlib
+    from pathlib import Path
 
-    from daq.service.journal import read  # noqa: PLC0415
+    from daq.service.journal import read
 
     name = rig and Path(rig).name.removesuffix(".yaml")
     with contextlib.suppress(KeyboardInterrupt):
@@ -45,7 +45,7 @@ def logs(
 
 def line(entry: Entry, *, named: bool) -> str:
     """One line: time, severity where it is worth a look, and text; with the rig's name where there are several."""
-    from daq.service.journal import ERROR, INFO, WARNING  # noqa: PLC0415
+    from daq.service.journal import ERROR, INFO, WARNING
 
     if entry.severity <= ERROR:
         word, colour = "error", "red"

@@ -16,14 +16,14 @@ from rigs.schema.vocabulary import MAKERS, Direction, Maker, direction_of, maker
 def location(given: str | Path) -> Path:
     """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
     taken."""
-    from analysis.batch import remote_path  # noqa: PLC0415 - not for help
+    from analysis.batch import remote_path
 
     return remote_path.location(str(given))
 
 
 def operator_or_user(operator: str) -> str:
     """Return the operator given, else the name of the user; empty where the system has none, as in many containers."""
-    import getpass  # noqa: PLC0415 - not for help
+    import getpass
 
     with suppress(KeyError, OSError, ImportError):
         return operator or getpass.getuser()

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson
 
@@ -29,17 +29,17 @@ def paper(
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
-    from analysis.paper.rows import rows_of  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.paper.paper_table import as_object, as_table
+    from analysis.paper.rows import rows_of
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.load import load
 
     rig, text = load(rig_file)
     with progress_of("simulating and evaluating the tests of the paper"):
         rows = rows_of(rig)
     if plot:
-        from analysis.paper.pictures import save  # noqa: PLC0415
+        from analysis.paper.pictures import save
 
         with progress_of("drawing the figures"):
             figures = list(save(rig, text, rows, plot))

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.schema.vocabulary import Maker, TestName
@@ -92,7 +91,7 @@ def plan(
     is known best over its workspace, clear of floor and column, and seen.
     """
     if poses:
-        from analysis.cli.plan_poses import plan_poses  # noqa: PLC0415
+        from analysis.cli.plan_poses import plan_poses
 
         if tests or propose or minutes:
             what = "plans poses alone; leave --tests, --propose and --minutes out"
@@ -102,9 +101,9 @@ def plan(
     if maker or tracker or faces:
         raise typer.BadParameter("--for, --tracker and --faces need it", param_hint="--poses")
 
-    from analysis.inference.plan import tests_named  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import load, named_by  # noqa: PLC0415
+    from analysis.inference.plan import tests_named
+    from rigs.errors import UseError
+    from rigs.load import load, named_by
 
     for option, value in (("--output", output), ("--minutes", minutes)):
         if value is not None and not propose:
@@ -119,9 +118,9 @@ def plan(
 
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.inference.plan import plan as planned  # noqa: PLC0415
-    from analysis.reporting import plan_report  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.inference.plan import plan as planned
+    from analysis.reporting import plan_report
 
     with progress_of("simulating the tests"):
         found = planned(rig, tests, runs, level)
@@ -134,9 +133,9 @@ def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_js
 def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.inference.proposal import propose as proposed  # noqa: PLC0415
-    from analysis.reporting import proposal_report  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.inference.proposal import propose as proposed
+    from analysis.reporting import proposal_report
 
     if output:
         proposal_report.hold_free(rig, output)
@@ -159,7 +158,7 @@ def _propose(
 
 
 def _print(table: RenderableType) -> None:
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole
 
     # Narrower, sizes would be broken in two, and half of one reads like another.
     PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)

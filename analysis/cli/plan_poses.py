@@ -27,9 +27,9 @@ def plan_poses(
     as_json: bool,
 ) -> None:
     """Plan poses, say what they will show, and write them and their program where a directory is given."""
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.inference.pose_plan import planned_poses  # noqa: PLC0415
-    from rigs.load import load, named_by  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.inference.pose_plan import planned_poses
+    from rigs.load import load, named_by
 
     if maker and not output:
         raise UseError("--for", "needs a directory to write to", "add -o DIR")
@@ -51,9 +51,9 @@ def plan_poses(
 
 
 def _sight(tracker: str | None, faces: str | None) -> Sight | None:
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from analysis.geometry.pose_pool import Sight  # noqa: PLC0415
+    from analysis.geometry.pose_pool import Sight
 
     if tracker is None:
         if faces:
@@ -74,10 +74,10 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
 def _write(rig: Rig, found: PlannedPoses, directory: Path, maker: Maker | None, dwell_s: float) -> list[Path]:
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
-    from analysis.files.write import holding, write_all_new  # noqa: PLC0415
-    from analysis.robot_programs.examine import demand_of  # noqa: PLC0415
-    from analysis.robot_programs.poses import poses_plan  # noqa: PLC0415
-    from analysis.robot_programs.write import encoded_programs, programs_of  # noqa: PLC0415
+    from analysis.files.write import holding, write_all_new
+    from analysis.robot_programs.examine import demand_of
+    from analysis.robot_programs.poses import poses_plan
+    from analysis.robot_programs.write import encoded_programs, programs_of
 
     files = {"poses.csv": holding(found.csv().encode())}
     if maker:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Anyway, RigArgument, maker_option
 from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
@@ -66,14 +65,14 @@ def program(
     anyway: Anyway = False,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
-    from analysis.cli.program_iso9283 import program_iso9283  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.robot_programs.compensated import table_of  # noqa: PLC0415
-    from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
-    from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of  # noqa: PLC0415
-    from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import load, named_by  # noqa: PLC0415
+    from analysis.cli.program_iso9283 import program_iso9283
+    from analysis.cli.progress import progress_of
+    from analysis.robot_programs.compensated import table_of
+    from analysis.robot_programs.examine import demand_lines, demand_of
+    from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
+    from analysis.robot_programs.write import feedback_note, programs_of, write_programs
+    from rigs.errors import UseError
+    from rigs.load import load, named_by
 
     if dwell_s is not None and test in CIRCLES:
         raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
@@ -108,15 +107,15 @@ def program(
 def _compensated(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
     """The plans with the targets of a corrected table. Raises FileError where the model of the rig or of the table is
     to correct nothing, unless they are written `anyway`."""
-    from dataclasses import replace  # noqa: PLC0415
+    from dataclasses import replace
 
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing  # noqa: PLC0415
-    from analysis.correction.target_path import AGAINST, read_corrected_path  # noqa: PLC0415
-    from analysis.robot_programs.compensated import compensated  # noqa: PLC0415
-    from analysis.robot_programs.plan import Comment  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing
+    from analysis.correction.target_path import AGAINST, read_corrected_path
+    from analysis.robot_programs.compensated import compensated
+    from analysis.robot_programs.plan import Comment
+    from rigs.errors import FileError
 
     hold_verdict(rig, rig_file, anyway=anyway)
     joints, poses = read_corrected_path(path)

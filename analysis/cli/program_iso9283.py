@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwell_s: float) -> None:
     """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.geometry.iso_cube import cube_of  # noqa: PLC0415
-    from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of  # noqa: PLC0415
-    from analysis.robot_programs.iso9283 import PERCENTS, cube_plan, path_plan  # noqa: PLC0415
-    from analysis.robot_programs.write import programs_of, write_programs  # noqa: PLC0415
-    from rigs.load import named_by  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.geometry.iso_cube import cube_of
+    from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
+    from analysis.robot_programs.iso9283 import PERCENTS, cube_plan, path_plan
+    from analysis.robot_programs.write import programs_of, write_programs
+    from rigs.load import named_by
 
     with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):
         cube = cube_of(rig)

@@ -35,9 +35,9 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         finally:
             _rewrite_line("")
         return
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole
 
     words = TextColumn("{task.description}", markup=False)
     # Redirected, what is printed to a file within would land on the terminal.

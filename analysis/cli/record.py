@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import Group, command
+from analysis.cli import completion
+from analysis.cli.commands import Group, app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, direction_option, operator_or_user
 from rigs.errors import RigError
@@ -53,7 +53,7 @@ def start(
     rig: RigName = None,
 ) -> None:
     """Start a recording and print its run directory."""
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
         fields = {
@@ -73,8 +73,8 @@ def stop(rig: RigName = None) -> None:
 
     Standard error has its faults, its seal, whether the robot was still driving, and why rig analyse would refuse it.
     """
-    from analysis.measures.usable import fitness  # noqa: PLC0415
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from analysis.measures.usable import fitness
+    from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
         ended = client.ask("record_stop")
@@ -115,8 +115,8 @@ def touch(
 
     The robot is guided by hand or by its program. Ctrl-C ends early and keeps what was touched.
     """
-    from analysis.session.touch import record_touches  # noqa: PLC0415
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from analysis.session.touch import record_touches
+    from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
         run = record_touches(client, name, output, operator_or_user(operator), placement, touches, say)
@@ -130,7 +130,7 @@ def status(
 ) -> None:
     """Show what the daemon reads and records now."""
 
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
         state = client.ask("status")
@@ -138,8 +138,8 @@ def status(
         say_json(state)
         return
 
-    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.daemon_screen import screen
+    from analysis.reporting.plain_console import PlainConsole
 
     PlainConsole().print(screen(state))
 
@@ -147,7 +147,7 @@ def status(
 @command(app, "rig metrics --rig cell")
 def metrics(rig: RigName = None) -> None:
     """Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
-    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
         for line in client.ask("metrics")["text"].splitlines():

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Runs, direction_option
 from analysis.cli.several import for_each
@@ -32,7 +31,7 @@ def relabel(
     ] = None,
 ) -> None:
     """Correct the labels of runs; their ledgers keep the old labels."""
-    from daq.store import relabel as relabel_run  # noqa: PLC0415
+    from daq.store import relabel as relabel_run
 
     if test is None and direction is None and operator is None and placement is None:
         raise typer.BadParameter("give --test, --direction, --operator or --placement")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.emulate import MARKS, locked_cell, rig_file_of_cell
 
@@ -35,14 +35,14 @@ def replay(
     of all of them begins with the daemon's first word. A run that is
     recorded while one is out of step is marked, and rig analyse refuses it.
     """
-    import signal  # noqa: PLC0415
-    from queue import SimpleQueue  # noqa: PLC0415
+    import signal
+    from queue import SimpleQueue
 
-    from daq.emulators import Replay  # noqa: PLC0415
-    from daq.store import durable  # noqa: PLC0415
-    from daq.wire.capture import read_capture  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from daq.emulators import Replay
+    from daq.store import durable
+    from daq.wire.capture import read_capture
+    from rigs.errors import FileError
+    from rigs.load import load
 
     rig, text = load(rig_file)
     path = rig_file_of_cell(directory)
@@ -84,7 +84,7 @@ def replay(
 
 def _end(played: Replay, ends: SimpleQueue[int]) -> int:
     """The exit code, once all is said or a signal has come."""
-    from queue import Empty  # noqa: PLC0415
+    from queue import Empty
 
     while not played.done:
         try:

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler
 
@@ -41,15 +41,15 @@ def report(
     """Write one page: the verdict against the limits, what is wrong and what to do, then every test with pictures.
 
     The page needs no other file and no network, and prints to A4. A run that cannot be evaluated is named on it."""
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import runs_below, say_doubts  # noqa: PLC0415
-    from analysis.cli.several import end_with, evaluated, worst  # noqa: PLC0415
-    from analysis.reporting.html_page import hold_page  # noqa: PLC0415
-    from analysis.reporting.page.heading import Heading  # noqa: PLC0415
-    from analysis.reporting.page.pdf import hold_pdf, is_pdf  # noqa: PLC0415
-    from analysis.reporting.page.report import gather  # noqa: PLC0415
-    from analysis.reporting.page.write_page import write_page  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.cli.run_paths import runs_below, say_doubts
+    from analysis.cli.several import end_with, evaluated, worst
+    from analysis.reporting.html_page import hold_page
+    from analysis.reporting.page.heading import Heading
+    from analysis.reporting.page.pdf import hold_pdf, is_pdf
+    from analysis.reporting.page.report import gather
+    from analysis.reporting.page.write_page import write_page
+    from rigs.load import load
 
     heading = Heading(serial, customer, order)
     heading.check()

@@ -20,8 +20,8 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
-    from analysis.batch.run_directories import run_directories  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.batch.run_directories import run_directories
+    from analysis.cli.progress import progress_of
 
     with progress_of("listing the runs", is_still=True):
         return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
@@ -31,8 +31,8 @@ def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
     """The runs that can be read, their doubts written to standard error, and the errors of the others."""
-    from analysis.cli.several import over_runs  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
+    from analysis.cli.several import over_runs
+    from analysis.traces.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, list(paths), runs.append, doing="reading", jobs=jobs, scheduler=scheduler)
@@ -42,7 +42,7 @@ def load_runs(
 
 def say_doubts(runs: Iterable[Measured]) -> None:
     """Print what a person should know of each run before it is used, on standard error."""
-    from analysis.conventions.check import doubts_of  # noqa: PLC0415
+    from analysis.conventions.check import doubts_of
 
     for run in runs:
         for doubt in doubts_of(run):

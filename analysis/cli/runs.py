@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler
 from analysis.cli.several import end_with, for_each, over_runs, worst
@@ -24,11 +23,11 @@ def runs(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
     """List runs with size and age, whether they were exported, and whether they are kept."""
-    import time  # noqa: PLC0415
+    import time
 
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
-    from daq.store import survey  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from analysis.reporting.runs_list import listed, row
+    from daq.store import survey
 
     denied: list[Path] = []
     with progress_of():
@@ -44,7 +43,7 @@ def runs(
         return
     if not found:
         return
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole
 
     table = listed(found)
     whole = PlainConsole(width=10_000).measure(table).maximum
@@ -53,8 +52,8 @@ def runs(
 
 
 def _holds_runs(directory: Path) -> bool:
-    from daq.store import survey  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from daq.store import survey
+    from rigs.errors import FileError
 
     with suppress(FileError, OSError):
         return directory.is_dir() and any(survey(directory))
@@ -70,7 +69,7 @@ def keep(
     ] = False,
 ) -> None:
     """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
-    from daq.store import mark_kept  # noqa: PLC0415
+    from daq.store import mark_kept
 
     def mark(path: Path) -> None:
         mark_kept(path, not no_more)
@@ -86,11 +85,11 @@ def recover(paths: Runs) -> None:
 
 
 def _recover(path: Path) -> None:
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from daq.store import judge  # noqa: PLC0415
-    from daq.store import recover as recover_run  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
-    from rigs.text import as_argument  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
+    from daq.store import judge
+    from daq.store import recover as recover_run
+    from rigs.errors import FileError
+    from rigs.text import as_argument
 
     with progress_of(f"recovering {path}"):
         done = recover_run(path)
@@ -120,7 +119,7 @@ def verify(
     scheduler: Scheduler = None,
 ) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
-    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below
 
     not_whole = []
 
@@ -141,10 +140,10 @@ def verify(
 
 def judged(path: Path) -> Verdict:
     """Whether a run is whole, wherever it lies. Raises RigError for one elsewhere that cannot be fetched."""
-    from dataclasses import replace  # noqa: PLC0415
+    from dataclasses import replace
 
-    from analysis.batch.fetched import fetched, named  # noqa: PLC0415
-    from daq.store import judge  # noqa: PLC0415
+    from analysis.batch.fetched import fetched, named
+    from daq.store import judge
 
     with fetched(path) as directory:
         found = judge(directory)

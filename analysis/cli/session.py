@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
 from rigs.schema.vocabulary import Maker
@@ -81,9 +80,9 @@ def session(
     DIR/session.yaml after each step: the same command goes on with it,
     after Ctrl-C and on another day.
     """
-    from analysis.session.state import Emulated, Place  # noqa: PLC0415
-    from rigs.errors import UseError  # noqa: PLC0415
-    from rigs.load import find, load  # noqa: PLC0415
+    from analysis.session.state import Emulated, Place
+    from rigs.errors import UseError
+    from rigs.load import find, load
 
     rig, text = load(rig_file)
     place = Place(directory or Path(f"session-{rig.name}"))
@@ -96,7 +95,7 @@ def session(
     controller = maker or rig.maker
     if controller is None:
         raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
-    from analysis.session.run import Asked, run_session  # noqa: PLC0415
+    from analysis.session.run import Asked, run_session
 
     asked = Asked(
         rig_file=str(find(rig_file).resolve()),
@@ -131,9 +130,9 @@ def _plain(found: Session) -> object:
 
 
 def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
-    from analysis.session.next_step import next_of  # noqa: PLC0415
-    from analysis.session.words import status_lines  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.session.next_step import next_of
+    from analysis.session.words import status_lines
+    from rigs.errors import FileError
 
     found = place.read()
     if found is None:

@@ -59,8 +59,8 @@ def over_runs(
     doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors. Raises
     StoreLost where a store does not answer any more, since the rest would fail as well.
     """
-    from analysis.batch.each import each  # noqa: PLC0415
-    from analysis.batch.remote_store import StoreLost  # noqa: PLC0415
+    from analysis.batch.each import each
+    from analysis.batch.remote_store import StoreLost
 
     errors: list[RigError] = []
     done = 0
@@ -89,7 +89,7 @@ def _watched(
     outcomes: Iterator[Outcome[Item, Value]], runs: Sequence[Item], doing: str, *, is_still: bool
 ) -> Iterator[Outcome[Item, Value]]:
     """The outcomes, with what is being waited for on a terminal."""
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.cli.progress import progress_of
 
     for number, run in enumerate(runs, 1):
         count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
@@ -102,7 +102,7 @@ def evaluated(
     runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Result], list[RigError]]:
     """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others."""
-    from analysis.measures.results import borrowers, evaluated_again, read_and_evaluated  # noqa: PLC0415
+    from analysis.measures.results import borrowers, evaluated_again, read_and_evaluated
 
     first: list[Result] = []
     errors = over_runs(read_and_evaluated, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
-from analysis.cli.commands import command
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument, direction_option
@@ -30,12 +29,12 @@ def simulate(
 
     iso9283 are two runs: the poses of the cube and the paths, as a tracker sees them.
     """
-    from functools import partial  # noqa: PLC0415
-    from itertools import product  # noqa: PLC0415
+    from functools import partial
+    from itertools import product
 
-    import analysis  # noqa: PLC0415
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.files.write import write_csv, write_new  # noqa: PLC0415
+    import analysis
+    from analysis.cli.progress import progress_of
+    from analysis.files.write import write_csv, write_new
 
     directions: tuple[Direction | None, ...] = (direction,) if direction else ("acw", "cw")
     if test not in CIRCLES:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
-from analysis.cli.commands import command
+from analysis.cli import completion
+from analysis.cli.commands import app, command
 from analysis.cli.console import say
 
 _PORT = 8700
@@ -66,11 +66,11 @@ def window(
     it unless --listen says otherwise. It reads only, unless --control is
     given; the robot is never commanded.
     """
-    from rigs.distribution import to_install  # noqa: PLC0415
-    from rigs.errors import CellError  # noqa: PLC0415
+    from rigs.distribution import to_install
+    from rigs.errors import CellError
 
     try:
-        from analysis.window.run import Asked, run_window  # noqa: PLC0415
+        from analysis.window.run import Asked, run_window
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn"):
             raise

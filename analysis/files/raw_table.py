@@ -26,7 +26,7 @@ from analysis.files.table_map import SEPARATORS, Layout, Separator
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST
-from daq.store.arrays import array_of
+from daq.store.schema import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError
 

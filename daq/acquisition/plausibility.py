@@ -6,7 +6,7 @@ that measures is never so still, but a coarse one may be: so nothing is said bef
 `STUCK_DEG` of motion, and not before `COARSE_DEG` where no step of the gauge finer than `COARSE_MM` has been seen. A
 gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range. A
 gauge whose readings are from one to the next a 25.4th or 25.4 times what they were, and stay so: somebody pressed in/mm
-(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.shapes`). And one that *hung*:
+(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.numerals`). And one that *hung*:
 it showed one number for `HELD_S` while the robot moved `HELD_DEG`, and then jumped by more than it
 moves from reading to reading, so that it showed what had been elsewhere.
 

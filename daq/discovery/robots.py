@@ -22,7 +22,7 @@ from daq.discovery.attempts import Sends
 from daq.discovery.lines import layout_of
 from daq.discovery.probing import Probing
 from daq.discovery.reports import OF_THE_INSTRUMENT, RobotReport, evidence_of
-from daq.doctor.condition import condition_in, stopped_by
+from daq.doctor.finding import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
 from daq.wire.links import LinkLost

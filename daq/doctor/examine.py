@@ -9,8 +9,7 @@ from typing import Any
 
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.computer import examine_computer
-from daq.doctor.condition import of_condition
-from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
+from daq.doctor.finding import Finding, Verdict, doubtful, of_condition, ok, wrong
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import examine_conversation
 from daq.service.client import Client, find_socket

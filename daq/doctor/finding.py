@@ -1,9 +1,15 @@
-"""One thing that was looked at."""
+"""One thing that was looked at; of a robot, what its condition says before a recording: a stop, a paused program,
+motors off, a lowered speed.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+from daq.protocol.conversation import Sample
+from rigs.schema.condition import CONDITION, FULL_PERCENT, MOTORS, PROGRAM, SAFETY, SPEED, ProgramState, SafetyState
 
 
 class Verdict(StrEnum):
@@ -39,3 +45,40 @@ def doubtful(about: str, what: str, remedy: str) -> Finding:
 def wrong(about: str, what: str, remedy: str) -> Finding:
     """Return a finding that has to be corrected."""
     return Finding(about, Verdict.WRONG, what, remedy)
+
+
+STOPS = {
+    SafetyState.PROTECTIVE_STOP: ("protective stop", "find out why, then unlock it on the pendant"),
+    SafetyState.SAFEGUARD_STOP: ("safeguard stop", "close the safety gate and reset it"),
+    SafetyState.EMERGENCY_STOP: ("emergency stop", "release it and switch the robot on again"),
+    SafetyState.RECOVERY: ("recovery mode", "move the robot back inside its limits"),
+    SafetyState.FAULT: ("a fault", "read its message on the pendant; clear it, or restart the controller"),
+}
+"""The states in which no program runs, and what ends them."""
+
+
+def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
+    """Return the condition in a sample of a robot; nan for what it does not show."""
+    return {name: value for name, value in zip(columns, sample.values, strict=True) if name in CONDITION}
+
+
+def stopped_by(shown: Mapping[str, float]) -> str:
+    """Return why a robot runs no program, and what to do; empty where it may run or does not say."""
+    return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
+
+
+def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield what to mend before a recording. shown: columns of the condition; those that are missing are not judged."""
+    if shown.get(SAFETY) in STOPS:
+        state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]
+        yield wrong(about, f"is in {state}", remedy)
+    if shown.get(MOTORS) == 0:
+        yield doubtful(about, "its motors are off", "switch them on before the recording")
+    if shown.get(PROGRAM) == ProgramState.PAUSED:
+        yield doubtful(
+            about, "its program is paused", "resume it, or stop it and start it after the recording has begun"
+        )
+    # A controller that runs no program may show a speed of zero, whatever it is set to.
+    if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
+        what = f"its speed is set to {shown[SPEED]:.0f} %"
+        yield doubtful(about, what, "set it to 100 %; at another speed the figures differ from those of other runs")

@@ -16,8 +16,7 @@ import numpy as np
 from daq import clock
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
-from daq.doctor.condition import condition_in, of_condition
-from daq.doctor.finding import Finding, doubtful, ok, wrong
+from daq.doctor.finding import Finding, condition_in, doubtful, of_condition, ok, wrong
 from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost

@@ -16,12 +16,9 @@ import yaml
 
 from daq import clock
 from daq.acquisition.streams import ROBOT, Stream, streams_of
-from daq.emulators.own_cycle import STEADY, Unsteady
+from daq.emulators.network_ports import TcpCaller, TcpPort, UdpPort
 from daq.emulators.pty_line import PtyLine
-from daq.emulators.punctual import Punctual
-from daq.emulators.tcp_caller import TcpCaller
-from daq.emulators.tcp_port import TcpPort
-from daq.emulators.udp_port import UdpPort
+from daq.emulators.timed import STEADY, Punctual, Unsteady
 from daq.protocol.conversation import Device
 from daq.wire.links import LinkLost
 from daq.wire.session import run_conversation

@@ -15,9 +15,7 @@ from daq import feedback, gauges
 from daq.acquisition.streams import ROBOT, gauge_groups
 from daq.emulators.cell import NONE, Adversity, Cell
 from daq.emulators.one_line import OneLine
-from daq.emulators.own_clock import OwnClock
-from daq.emulators.own_cycle import STEADY, Unsteady
-from daq.emulators.timed import timed_device, timed_read
+from daq.emulators.timed import STEADY, OwnClock, Unsteady, timed_device, timed_read
 from daq.protocol.conversation import Device
 from rigs.rig import Rig
 from rigs.schema.condition import UNDISTURBED

@@ -19,8 +19,7 @@ import tty
 from pathlib import Path
 
 from daq import clock
-from daq.emulators.latency_timer import LatencyTimer
-from daq.emulators.uart import heard
+from daq.emulators.slow_lines import LatencyTimer, heard
 from daq.wire.links import LinkLost
 from rigs.schema.links import Line
 

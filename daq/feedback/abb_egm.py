@@ -14,9 +14,7 @@ from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host, Step
-from daq.protocol.order import Order
-from daq.protocol.pace import Pace
-from daq.protocol.positions import Position, Positions, Refused
+from daq.protocol.positions import Order, Pace, Position, Positions, Refused
 from daq.protocol.protobuf import Field, doubles, doubles_in, fields, integer, message_in, nested, number_in
 from daq.protocol.streamed import Streamed
 from rigs.schema.condition import ProgramState

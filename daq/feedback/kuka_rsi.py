@@ -22,9 +22,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import number, plausible
-from daq.protocol.order import Order
-from daq.protocol.pace import Pace
-from daq.protocol.positions import Position, Positions, Refused
+from daq.protocol.positions import Order, Pace, Position, Positions, Refused
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import KUKARSI
 

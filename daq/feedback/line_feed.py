@@ -19,10 +19,9 @@ from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
-from daq.protocol.datagrams import DatagramLines
 from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.numerals import are_angles, number, plausible
-from daq.protocol.pace import Pace
+from daq.protocol.positions import DatagramLines, Pace
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CONDITION
 from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Wire
+from daq.protocol.modbus import Wire, fits, pack, unpack
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
-from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from rigs.schema.feedback import ModbusJoints
 

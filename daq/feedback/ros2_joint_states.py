@@ -20,10 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
-from daq.protocol.datagrams import Datagrams
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.pace import Pace
+from daq.protocol.positions import Datagrams, Pace
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.ros2 import ROS2JointStates

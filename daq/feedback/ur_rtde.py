@@ -27,7 +27,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.pace import Pace
+from daq.protocol.positions import Pace, SteadySteps
 from daq.protocol.rtde import (
     CONDITION_TYPES,
     CURRENT_TYPES,
@@ -41,7 +41,6 @@ from daq.protocol.rtde import (
     packet,
     packets,
 )
-from daq.protocol.steady_steps import SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 

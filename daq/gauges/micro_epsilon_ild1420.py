@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from daq.gauges import Read
 from daq.protocol.conversation import NO_SAMPLES, NO_TIME, Arrival, Device, Fault, FaultKind, Host, Samples, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.pace import Pace
+from daq.protocol.positions import Pace
 from daq.protocol.streamed import QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.serial_gauges import MicroEpsilonILD1420

@@ -13,10 +13,9 @@ from typing import get_args
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Wire
+from daq.protocol.modbus import Wire, fits, pack, unpack
+from daq.protocol.numerals import refusal
 from daq.protocol.polled import Polled
-from daq.protocol.ranges import refusal
-from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import (
     Held,
     RegisterDevice,

@@ -18,8 +18,8 @@ from daq.gauges.modbus_map import dialect, held
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Wire
+from daq.protocol.numerals import refusal
 from daq.protocol.polled import Polled, Reply, Then
-from daq.protocol.ranges import refusal
 from daq.protocol.registers import RegisterDevice, on_one_wire
 from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol import polled, streamed
-from daq.protocol.asked_by_line import AskedByLine
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.shapes import HeldShape
+from daq.protocol.numerals import HeldShape
+from daq.protocol.polled import AskedByLine
 from daq.protocol.texts import (
     CHECK,
     Reading,

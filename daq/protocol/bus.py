@@ -17,11 +17,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from daq.protocol.bursts import Bursts
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import Bursts, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.polled import Polled
-from daq.protocol.stirring import Stirring
+from daq.protocol.polled import Polled, Stirring
 
 PATIENCE = 3
 LONGEST_REST_NS = 2_000_000_000

@@ -11,12 +11,24 @@ nothing has come for `timeout_s`. So it is
 
 It also is where nothing is asked because a given `rate_hz` allows no further request yet (a request that is made a
 little late puts off none of those after it, or a busy computer would never reach that rate), and now and then to stir
-the line (`daq.protocol.stirring`). On a line that it shares an instrument is asked when its turn comes, and all that
+the line (`Stirring`). On a line that it shares an instrument is asked when its turn comes, and all that
 comes meanwhile is somebody else's (`daq.protocol.bus`).
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
-to distinguish them by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument.
+to distinguish them by (`daq.protocol.modbus`): make `timeout_s` at least half the slowest answer of the instrument.
 After an error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
+
+Resting now and then, so that an adapter which holds bytes back does not fall into step with the requests.
+
+FTDI's latency timer is 16 ms. Where each request follows the answer before at once, its answers all wait alike; then no
+answer of a run comes as quickly as the instrument gives it, and it is unknown when it was latched. So after `STIR`
+requests the line rests for up to `STIR_NS`, each time for another time: half a second (`STIR_EVERY_NS`) apart at the
+least, since it makes a hole in the readings of a quick instrument.
+
+An instrument that is asked by a modem line: DTR goes off for some time, and it sends a reading.
+
+Cables of which the instrument cannot hear anything are made so. The exchange is that of a request and its answer
+(`Polled`); here its request becomes the line. DTR is on between two requests for as long as it was off.
 """
 
 from __future__ import annotations
@@ -27,11 +39,40 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Protocol
 
-from daq.protocol.bursts import Bursts
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
+from daq.protocol.conversation import NO_TIME, Bursts, Fault, FaultKind, Item, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.shapes import HeldShape, Shaped
-from daq.protocol.stirring import Stirring
+from daq.protocol.numerals import HeldShape, Shaped
+
+STIR = 50
+STIR_NS = 17_000_000
+STIR_EVERY_NS = 500_000_000
+_GOLDEN = 0.6180339887498949
+"""Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
+
+
+class Stirring:
+    """Counts the requests on a line, and says when it rests."""
+
+    def __init__(self) -> None:
+        self._requests = self._stirs = 0
+        self._stirred_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """Note that the link has just opened."""
+        self._stirred_ns = now_ns
+
+    def count(self) -> None:
+        """Note a request."""
+        self._requests += 1
+
+    def rest_ns(self, now_ns: int) -> int:
+        """Return how long the line rests after an answer; mostly 0."""
+        if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
+            return 0
+        self._requests, self._stirred_ns = 0, now_ns
+        self._stirs += 1
+        return round(self._stirs * _GOLDEN % 1.0 * STIR_NS)
+
 
 PAUSE_NS = 100_000_000
 _BABBLE = 4
@@ -251,3 +292,52 @@ class Polled:
             return []
         detail = "a message came while no answer was expected and was ignored; if this recurs, increase timeout_s"
         return [Fault(FaultKind.LATE, now_ns, detail, count)]
+
+
+class AskedByLine:
+    """The host's side. exchange: one that shares its line, so that it asks when it is let."""
+
+    def __init__(self, exchange: Polled, off_ns: int) -> None:
+        self._exchange = exchange
+        self._off_ns = off_ns
+        self._wake_ns = self._free_ns = 0
+        """When the exchange is due, and when DTR may go off again."""
+        self._on_ns: int | None = None
+        """When DTR goes on again; None while it is."""
+
+    @property
+    def shapes(self) -> list[HeldShape]:
+        """The shapes that its gauges' numbers are held to; none where they have no text."""
+        return self._exchange.shapes
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        self._exchange.shapes = shapes
+
+    def connected(self, now_ns: int) -> Step:
+        return self._after(self._exchange.connected(now_ns), now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return self._after(self._exchange.received(data, now_ns), now_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        if self._on_ns is not None and now_ns >= self._on_ns:
+            self._on_ns = None
+            return Step(wake_ns=self._due_ns(), dtr=True)
+        if not self._exchange.asking and now_ns < self._free_ns:
+            return Step(wake_ns=self._due_ns())
+        return self._after(self._exchange.tick(now_ns), now_ns)
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return self._exchange.lost(now_ns)
+
+    def _after(self, step: Step, now_ns: int) -> Step:
+        self._wake_ns = now_ns if step.wake_ns is None else step.wake_ns
+        if not step.send:
+            return Step(items=step.items, wake_ns=self._due_ns())
+        self._on_ns, self._free_ns = now_ns + self._off_ns, now_ns + 2 * self._off_ns
+        return Step(items=step.items, wake_ns=self._due_ns(), dtr=False)
+
+    def _due_ns(self) -> int:
+        due_ns = self._wake_ns if self._exchange.asking else max(self._wake_ns, self._free_ns)
+        return due_ns if self._on_ns is None else min(due_ns, self._on_ns)

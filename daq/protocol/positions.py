@@ -1,19 +1,117 @@
 """A controller that sends its joint angles by datagrams, each with a number and a stamp of its own clock.
 
 What the interfaces differ in is how a datagram is taken apart, and what makes the controller send.
+
+Datagrams in place of a stream: what is read at once is one message, and nothing ever continues in the next.
+
+`DatagramLines` is for texts: a datagram holds whole lines, the last of which needs no end.
+
+A framer like those of `daq.protocol.framing`, so that a conversation need not know what carried its bytes. The
+other way it is as plain: what a step sends is one datagram.
+
+Lost, doubled and overtaken datagrams, seen by the number that each carries.
+
+A sample that comes after a later one, or twice, is ignored and reported as LATE: its time has passed, and a
+clock that runs backwards would look like a controller that was started again. What is missing is a SKIPPED fault
+with the count; so a sample that was overtaken is reported as missing first and as late when it comes.
+
+When a device of constant rate speaks: an absolute schedule, of which no period drifts or is lost (`Pace`).
+
+What is missing between the stamps of a controller that was asked for a rate, and may keep to a lower one.
+
+A controller of 125 Hz that is asked for 500 sends all it has, and nothing of it is missing. So a stamp is compared with
+the step that the controller makes itself: the asked one as soon as it was seen once, else the least of the first steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.protocol.datagrams import Datagrams
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.order import Order
 from daq.protocol.streamed import Reaction
+
+LIMIT = 4096
+"""Several times the longest message known here, an RSI text with every element that it can carry."""
+
+
+class Datagrams:
+    """Treats each piece as one message; one longer than `limit` bytes is a GARBLED fault."""
+
+    pending = False
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self._limit = limit
+
+    def clear(self) -> None:
+        """Do nothing, since nothing is ever held."""
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        if len(data) > self._limit:
+            return [Fault(FaultKind.GARBLED, now_ns, f"a datagram of {len(data)} bytes, over {self._limit}; left out")]
+        return [Message(data, len(data), now_ns, now_ns)]
+
+
+class DatagramLines(Datagrams):
+    """Treats each line of a datagram as one message; the datagrams as `Datagrams` does."""
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        found: list[Message | Fault] = []
+        for datagram in super().feed(data, now_ns):
+            if isinstance(datagram, Fault):
+                found.append(datagram)
+            else:
+                found += [Message(line, len(line), now_ns, now_ns) for line in datagram.data.splitlines()]
+        return found
+
+
+_BEHIND = 20
+"""Messages that a network may hold one back by. Further back, the counter restarted."""
+_AHEAD = 1_000_000
+"""Messages that can be lost in a row: an hour. Further ahead, the counter restarted."""
+
+
+class Order:
+    """Checks the numbers of successive messages, which grow by `step` and wrap at `modulus`."""
+
+    def __init__(self, step: int = 1, modulus: int = 2**32) -> None:
+        self._step = step
+        self._modulus = modulus
+        self._last: int | None = None
+
+    def forget(self) -> None:
+        """Forget the last number, so that the next message continues nothing."""
+        self._last = None
+
+    def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
+        """Return the sample with this number, unless it came too late, and the faults that its number shows."""
+        last, at_ns = self._last, sample.last_byte_ns
+        if last is None:
+            self._last = number
+            return (sample,)
+        passed = self._passed(last, number)
+        if -_BEHIND < passed <= 0:
+            what = "came twice" if number == last else f"came after {last}"
+            return (Fault(FaultKind.LATE, at_ns, f"datagram {number} {what}; left out; check the network"),)
+        self._last = number
+        if passed == 1:
+            return (sample,)
+        if not 0 < passed <= _AHEAD:
+            detail = f"the controller's counter goes from {last} to {number}: it restarted, and the loss is unknown"
+            return Fault(FaultKind.SKIPPED, at_ns, detail), sample
+        detail = f"the controller's counter goes from {last} to {number}; check the network and the host's load"
+        return Fault(FaultKind.SKIPPED, at_ns, detail, passed - 1), sample
+
+    def _passed(self, last: int, number: int) -> int:
+        """Messages from the last one to this, negative for an earlier one."""
+        ahead = (number - last) % self._modulus
+        signed = ahead if ahead < self._modulus // 2 else ahead - self._modulus
+        # Less than a step ahead is the next all the same: a controller may be quicker than the rig file says.
+        return max(1, round(signed / self._step)) if signed > 0 else signed // self._step
+
 
 _MAX_CLOCK_S = 1e11
 """A later stamp is invalid: three thousand years, whether since 1970 or since the controller was switched on."""
@@ -75,3 +173,78 @@ class Positions:
 
 def _sound(position: Position) -> bool:
     return 0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
+
+
+class Pace:
+    """Gives the instants of a steady rate from `start_ns` on."""
+
+    def __init__(self, rate_hz: float, start_ns: int) -> None:
+        self._rate_hz = rate_hz
+        self._start_ns = start_ns
+        self._count = 0
+
+    @property
+    def next_ns(self) -> int:
+        """The next instant that was not given yet."""
+        return self._start_ns + round(self._count * 1e9 / self._rate_hz)
+
+    def step(self, now_ns: int) -> int | None:
+        """Return the next instant that was not given before; None if it has not come yet."""
+        instant = self.next_ns
+        if instant > now_ns:
+            return None
+        self._count += 1
+        return instant
+
+    def due(self, now_ns: int) -> Iterator[int]:
+        """Return every instant up to now that was not given before."""
+        while (instant := self.step(now_ns)) is not None:
+            yield instant
+
+
+_FIRST = 25
+"""Steps from which the rate is taken, a fifth of a second at 125 Hz: packets are not skipped at each of them."""
+_MORE = 1.5
+"""Periods from which a step is longer than one."""
+
+
+class SteadySteps:
+    """Watches the stamps of successive packets."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._asked_s = 1 / rate_hz
+        self._period_s = math.nan
+        self._last_s = math.nan
+        self._unjudged: list[tuple[float, float]] = []
+        """Steps from a stamp to the next, while the period is not known."""
+
+    def missing(self, clock_s: float, at_ns: int) -> list[Fault]:
+        """Take the next stamp; return faults for packets missing before it, and for a rate other than the asked one."""
+        before_s, self._last_s = self._last_s, clock_s
+        if not clock_s > before_s:
+            return []
+        self._unjudged.append((before_s, clock_s))
+        told = [] if math.isfinite(self._period_s) else self._found_period(at_ns)
+        if math.isnan(self._period_s):
+            return []
+        steps, self._unjudged = self._unjudged, []
+        return [*told, *(fault for step in steps for fault in self._skipped(*step, at_ns))]
+
+    def _found_period(self, at_ns: int) -> list[Fault]:
+        """Take the period from the steps so far, if they are enough."""
+        least_s = min(after_s - before_s for before_s, after_s in self._unjudged)
+        if least_s < _MORE * self._asked_s:
+            self._period_s = self._asked_s
+        elif len(self._unjudged) >= _FIRST:
+            self._period_s = round(least_s / self._asked_s) * self._asked_s
+            sent_hz, asked_hz = 1 / self._period_s, 1 / self._asked_s
+            detail = f"the controller sends {sent_hz:g} packets a second, not {asked_hz:g}; write rate_hz: {sent_hz:g}"
+            return [Fault(FaultKind.DOUBTFUL, at_ns, detail)]
+        return []
+
+    def _skipped(self, before_s: float, after_s: float, at_ns: int) -> list[Fault]:
+        periods = (after_s - before_s) / self._period_s
+        if not periods > _MORE:
+            return []
+        detail = f"controller time goes from {before_s:.3f} s to {after_s:.3f} s; lower rate_hz if this recurs"
+        return [Fault(FaultKind.SKIPPED, at_ns, detail, round(periods) - 1)]

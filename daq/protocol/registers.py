@@ -3,7 +3,7 @@
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
 manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
 An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
-come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.resync`). It does
+come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.modbus`). It does
 carry its unit: on a line with several (`daq.protocol.bus`) a late one is recognised by that.
 """
 
@@ -20,11 +20,18 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInpu
 from daq.protocol.bus import Bus, Member
 from daq.protocol.conversation import Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Block, Wire, exception_of, registers_of
+from daq.protocol.modbus import (
+    Block,
+    Layout,
+    Resync,
+    Wire,
+    exception_of,
+    pack,
+    registers_of,
+    silent_interval_ns,
+    unpack,
+)
 from daq.protocol.polled import Polled, Reply, Then
-from daq.protocol.register_values import Layout, pack, unpack
-from daq.protocol.resync import Resync
-from daq.protocol.rtu import silent_interval_ns
 from rigs.schema.modbus import ModbusMap, SolartronOrbit, StatusRegister
 
 Registers = Sequence[int]

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from daq.protocol.bursts import Bursts
-from daq.protocol.conversation import Arrival, Fault, FaultKind, Item, Samples, Step
+from daq.protocol.conversation import Arrival, Bursts, Fault, FaultKind, Item, Samples, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.shapes import HeldShape, Shaped
+from daq.protocol.numerals import HeldShape, Shaped
 
 
 @dataclass(frozen=True, slots=True)

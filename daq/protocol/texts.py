@@ -6,7 +6,7 @@ trouble reads nan beside one that is well; where all are, there is no sample. `T
 which a driver adds what it answers.
 
 Where one sends no unit, and for what a line does to the rest, every number is held to the shape of those before it
-(`daq.protocol.shapes`).
+(`daq.protocol.numerals`).
 
 An instrument that sends its unit is held to that of the rig file (`in_mm`): a reading in another unit is reported as a
 fault and never converted, since either the gauge or the file is not what its owner believes.
@@ -21,9 +21,8 @@ from typing import Generic, TypeVar
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Lines, Message
+from daq.protocol.numerals import HeldShape, Written, refusal
 from daq.protocol.polled import Reply, Then
-from daq.protocol.ranges import refusal
-from daq.protocol.shapes import HeldShape, Written
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"

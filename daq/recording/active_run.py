@@ -18,7 +18,7 @@ from daq.acquisition.plausibility import PlausibilityCheck
 from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
-from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
 from daq.store.manifest import load_manifest
 from daq.store.records import Ending

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
 from daq import clock
-from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
-from daq.store.memory import keep_large_blocks_apart, load_all_of_arrow
+from daq.store.room import keep_large_blocks_apart, load_all_of_arrow
 from daq.store.writer import Work
 
 _SYNC_S = 0.5

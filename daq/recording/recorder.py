@@ -16,19 +16,15 @@ from pathlib import Path
 from typing import Literal
 
 from daq import clock
-from daq.acquisition.pretrigger import PretriggerBuffer
-from daq.acquisition.stream_buffer import StreamBuffer, faults_of
+from daq.acquisition.stream_buffer import PretriggerBuffer, StreamBuffer, faults_of
 from daq.protocol.conversation import Fault, Item
 from daq.recording import machine
 from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
-from daq.recording.host_watch import HostWatch
 from daq.recording.io_worker import IoWorker
-from daq.recording.label import Label
-from daq.recording.losses import Losses
+from daq.recording.label import Label, require_readings
 from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
-from daq.recording.rate_limited_log import RateLimitedLog
-from daq.recording.readings import require_readings
 from daq.recording.status import rejection, status_of
+from daq.recording.warnings import HostWatch, Losses, RateLimitedLog
 from daq.store import NearlyFull, RunWriter
 from daq.store.records import Ending
 from daq.store.run_directory import RunRemoved

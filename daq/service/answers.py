@@ -14,11 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from rigs.text import plain_values
 
+LONGEST_ANSWER = 1 << 20
+"""Bytes of a line; the status of a cell with three streams has 3 kB."""
 Number = Annotated[float, Field(strict=True)]
 
 
 class _Answer(BaseModel):
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", defer_build=True)
 
 
 class Refusal(_Answer):

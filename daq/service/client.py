@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from daq import clock
-from daq.service.answers import read_answer
-from daq.service.control import LONGEST_ANSWER, socket_directory
-from daq.service.trust import hold_trusted, peer_user
+from daq.service.answers import LONGEST_ANSWER, read_answer
+from daq.service.trust import hold_trusted, peer_user, socket_directory
 from rigs.errors import CellError, RigError
 
 ANSWERS_S = 30.0

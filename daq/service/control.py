@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from daq import clock
-from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.warnings import RateLimitedLog
+from daq.service.answers import LONGEST_ANSWER
 from daq.service.trust import peer_user
 from rigs.errors import CellError, RigError
 
@@ -33,8 +34,6 @@ log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 LONGEST_REQUEST = 65536
 """Bytes of a line; a label with every field full has 2 kB."""
-LONGEST_ANSWER = 1 << 20
-"""Bytes of a line; the status of a cell with three streams has 3 kB."""
 _LAST_ANSWERS_S = 15.0
 """The limit for answers that are under way when the daemon ends: a long recording takes seconds to close."""
 _MOST, _MOST_OF_A_USER = 64, 16
@@ -52,15 +51,6 @@ _BACK_OFF_S = (0.05, 1.0)
 _ROOM_S = 0.5
 """The limit for a silent connection to end after it was shut down."""
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-
-
-def socket_directory() -> Path:
-    """Return the directory for sockets of this user's daemons: systemd's runtime directory, else the user's own."""
-    if given := os.environ.get("RUNTIME_DIRECTORY"):
-        return Path(given.split(":")[0])
-    if given := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(given) / "rigd"
-    return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
 def most_connections() -> int:

@@ -16,8 +16,7 @@ from pydantic import ValidationError
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.clock_drift import DriftMonitor
 from daq.acquisition.host_clock import HOST
-from daq.acquisition.prompt import keep_stamps_prompt
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import Reader, keep_stamps_prompt
 from daq.acquisition.replay_marks import ReplayMarks
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.acquisition.streams import ROBOT, streams_of

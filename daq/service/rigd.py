@@ -17,8 +17,8 @@ import typer
 from typer.exceptions import TyperException
 
 from daq.service import journal
-from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
+from daq.service.trust import socket_directory
 from daq.store.records import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use

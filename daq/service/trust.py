@@ -1,5 +1,5 @@
-"""Whose socket it is: a client talks to a daemon of its own user or of the system, and to no other program that poses
-as one.
+"""Where a daemon's socket is, and whose: a client talks to a daemon of its own user or of the system, and to no other
+program that poses as one.
 
 Where another user can write a directory on the way, that user can put a socket there and answer as rigd would. So each
 directory from the root on is looked at: who owns it, and who may put entries into it. A directory that the system
@@ -25,6 +25,15 @@ _CREDENTIALS = struct.Struct("3i")
 _UID = 7
 """Column of the user in /proc/net/tcp (proc(5))."""
 _REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
+
+
+def socket_directory() -> Path:
+    """Return the directory for sockets of this user's daemons: systemd's runtime directory, else the user's own."""
+    if given := os.environ.get("RUNTIME_DIRECTORY"):
+        return Path(given.split(":")[0])
+    if given := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(given) / "rigd"
+    return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
 def hold_trusted(path: Path) -> frozenset[int]:

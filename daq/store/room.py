@@ -4,11 +4,16 @@ Closing a run puts the Parquet file of each open chunk beside it before the chun
 ledger: `RunWriter.room_to_close` adds up the files from what is open now. The margin is for the lines, and for
 what cannot be added up: what others write to the disk between two looks half a second apart. To begin
 takes more than to go on, so that a disk on the edge is not filled with runs of a second each.
+
+Memory of a daemon that runs for months: what closing a chunk took is returned, and nothing is loaded later.
 """
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
+
+import pyarrow as pa
 
 from daq.store import durable
 from rigs.errors import CellError
@@ -31,3 +36,31 @@ def require_room(place: Path, needed: int) -> None:
     free = durable.free_bytes(place)
     if free < needed:
         raise NearlyFull(place, free, needed)
+
+
+_M_MMAP_THRESHOLD = -3
+_LARGE_BYTES = 1 << 20
+
+
+def keep_large_blocks_apart() -> None:
+    """Let the C library map blocks of a megabyte and more by themselves, so that each goes back as it is freed.
+
+    glibc raises that limit to the largest block it has seen freed, some 20 MB for a chunk; from then on it keeps room
+    for one in the arena of each thread that ever closed one, and the daemon grows in steps for its first hours
+    (mallopt(3)). Other C libraries have no such call, and no such arenas.
+    """
+    if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+
+
+def load_all_of_arrow() -> None:
+    """Have Arrow import what it imports with its first array, before stamps and rows matter.
+
+    That is pandas, wherever it is installed: half a second of one core in the thread that drains the readers.
+    """
+    pa.array([0])
+
+
+def give_back() -> None:
+    """Return the memory that Arrow keeps for later to the system."""
+    pa.default_memory_pool().release_unused()

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from daq.store.arrays import array_of, piece_of
 from daq.store.chunk import MOST_BYTES, from_parquet
 from daq.store.durable import TEMPORARY, is_locked
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.records import BEING_RECORDED, Chunk, sha256, to_recover
-from daq.store.schema import FAULTS, TABLE
+from daq.store.schema import FAULTS, TABLE, array_of, piece_of
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -102,7 +101,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     """
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
-    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.arrays` says.
+    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.schema` says.
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 

@@ -25,9 +25,8 @@ from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import DrivenWith, Manifest, ViewZero, clock_now, new_manifest
-from daq.store.memory import give_back
 from daq.store.records import Clock, Ending, Seal, iso_now
-from daq.store.room import MARGIN_BYTES, require_room
+from daq.store.room import MARGIN_BYTES, give_back, require_room
 from daq.store.run_directory import RunRemoved, create_run_directory, require_files
 from daq.store.schema import FAULTS, schema_of
 from daq.store.stream_writer import OpenChunk, StreamWriter

@@ -29,6 +29,7 @@ from rigs.schema.serial_gauges import (
     SylvacOptoRS,
     TesaTT,
 )
+from rigs.schema.vocabulary import FURTHER
 
 Gauge = Annotated[
     SylvacOptoRS
@@ -48,10 +49,6 @@ Gauge = Annotated[
     | SolartronOrbit,
     Field(discriminator="interface"),
 ]
-
-
-FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
-"""Gauges that no test measures with."""
 
 
 class Gauges(Part):

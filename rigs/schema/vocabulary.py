@@ -9,6 +9,8 @@ CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
 """The tests on a circle."""
 WITHOUT_GAUGES: tuple[Literal["pose", "touch", "path"], ...] = ("pose", "touch", "path")
 """The tests that no gauge reads."""
+FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
+"""Gauges that no test measures with."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"

@@ -14,13 +14,13 @@ import pytest
 
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.traces.tables import CircleTable, RadialTable, Table
+from dev.trials.stranger.cell import ROBOTS, Cell, read_cell
+from dev.trials.stranger.faults import SIZE, Fault
+from dev.trials.stranger.gauges import Link
+from dev.trials.stranger.measure import measure
+from dev.trials.stranger.motion import Motion, lap, targets, track_of, visits
 from rigs.effects import VOCABULARY
 from rigs.load import load
-from tests.support.stranger.cell import ROBOTS, Cell, read_cell
-from tests.support.stranger.faults import SIZE, Fault
-from tests.support.stranger.gauges import Link
-from tests.support.stranger.measure import measure
-from tests.support.stranger.motion import Motion, lap, targets, track_of, visits
 
 OFF = np.array([0.6, -0.4, 0.3])
 FEW_PERCENT = 0.04

@@ -14,18 +14,18 @@ import pytest
 
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import load_measured
+from dev.trials import stranger
+from dev.trials.blind import trial
+from dev.trials.stranger.faults import SIGNED, Fault
+from dev.trials.stranger.names import everything
+from dev.trials.stranger.real import noise as noises
+from dev.trials.stranger.real.arm import drawn_fault, healthy_arm, plant
+from dev.trials.stranger.real.cases import LAPS
+from dev.trials.stranger.real.oracle import Oracle, slow_covariance
+from dev.trials.stranger.real.programs import GRID_S, at
+from dev.trials.stranger.sight import REPEATS, sight_of
 from rigs.load import load
-from tests.support import stranger
-from tests.support.blind import trial
 from tests.support.nightly import cases
-from tests.support.stranger.faults import SIGNED, Fault
-from tests.support.stranger.names import everything
-from tests.support.stranger.real import noise as noises
-from tests.support.stranger.real.arm import drawn_fault, healthy_arm, plant
-from tests.support.stranger.real.cases import LAPS
-from tests.support.stranger.real.oracle import Oracle, slow_covariance
-from tests.support.stranger.real.programs import GRID_S, at
-from tests.support.stranger.sight import REPEATS, sight_of
 
 
 def levels(rng: np.random.Generator, targets: tuple[int, ...] = (1, 2)) -> noises.Levels:

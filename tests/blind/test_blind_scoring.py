@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from tests.support import stranger
-from tests.support.blind import trial
-from tests.support.blind.answers import CONDITIONS, answer_of, name_in
-from tests.support.blind.scoring import Case, cases_of, confusions, report, rows_of, wilson
+from dev.trials import stranger
+from dev.trials.blind import trial
+from dev.trials.blind.answers import CONDITIONS, answer_of, name_in
+from dev.trials.blind.scoring import Case, cases_of, confusions, report, rows_of, wilson
 
 BACKLASH = {
     "name": "backlash 1",

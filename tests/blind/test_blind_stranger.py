@@ -17,16 +17,16 @@ import pytest
 import yaml
 from py_opw_kinematics import KinematicModel, Robot
 
-from tests.support import stranger
+from dev.trials import stranger
+from dev.trials.stranger.cell import ROBOTS, read_cell
+from dev.trials.stranger.faults import Fault
+from dev.trials.stranger.gauges import Link
+from dev.trials.stranger.measure import measure
+from dev.trials.stranger.motion import circle_frames, lap, track_of
+from dev.trials.stranger.names import everything
+from dev.trials.stranger.play import lagging, reversals
+from dev.trials.stranger.screws import Arm, arm_from, pose, torque_nm
 from tests.support.nightly import cases
-from tests.support.stranger.cell import ROBOTS, read_cell
-from tests.support.stranger.faults import Fault
-from tests.support.stranger.gauges import Link
-from tests.support.stranger.measure import measure
-from tests.support.stranger.motion import circle_frames, lap, track_of
-from tests.support.stranger.names import everything
-from tests.support.stranger.play import lagging, reversals
-from tests.support.stranger.screws import Arm, arm_from, pose, torque_nm
 
 HERE = Path(stranger.__file__).parent
 AROUND = {"importlib", "runpy", "subprocess", "multiprocessing", "ctypes"}
@@ -40,7 +40,7 @@ def test_the_stranger_imports_nothing_of_the_project() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            others = {name for name in names if not f"{name}.".startswith("tests.support.stranger.")}
+            others = {name for name in names if not f"{name}.".startswith("dev.trials.stranger.")}
             assert {name.split(".")[0] for name in others} <= ALLOWED, f"{file.name}: {names}"
             assert not (isinstance(node, ast.Name) and node.id in ("__import__", "exec", "eval")), file.name
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from dev.trials.blind import trial
+from dev.trials.blind.trial import Job, run_job
 from rigs.errors import FileError
-from tests.support.blind import trial
-from tests.support.blind.trial import Job, run_job
 from tests.support.nightly import cases
 
 CASES = [

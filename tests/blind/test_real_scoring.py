@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.blind.real_scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
+from dev.trials.blind.real_scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
 
 BACKLASH = {
     "name": "backlash 1",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.storm.mutants import MUTANTS
-from tests.support.storm.storm import weather
+from dev.trials.storm.mutants import MUTANTS
+from dev.trials.storm.storm import weather
 
 FOUND_IN = {
     "synced before it is": 5,

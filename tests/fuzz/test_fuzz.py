@@ -12,8 +12,8 @@ from daq.gauges.sylvac_opto_rs import _Continuous
 from daq.protocol.framing import Lines
 from daq.service.control import reply
 from daq.service.daemon import _label
-from tests.support.fuzz.fuzz_files import use
-from tests.support.fuzz.fuzzing import Block, is_file, run_block, targets
+from dev.trials.fuzz.fuzz_files import use
+from dev.trials.fuzz.fuzzing import Block, is_file, run_block, targets
 
 SAMPLE = {"rig_files": 12, "runs": 20, "tables": 60, "chunk_values": 30}
 

@@ -21,9 +21,9 @@ from xml.sax.saxutils import escape
 import pytest
 import typer
 import yaml
-from typer.main import get_command
 
 from analysis import cli
+from analysis.cli.commands import all_imported
 from rigs.load import SHIPPED
 from tests.support.command_line import ended
 from tests.support.second_sources import SOURCES, Chain
@@ -276,7 +276,7 @@ def commands(group: Any, above: str = "") -> Iterator[str]:
 
 
 def test_every_command_has_a_case() -> None:
-    assert set(commands(get_command(cli.app))) == set(cases())
+    assert set(commands(all_imported())) == set(cases())
 
 
 @pytest.mark.usefixtures("peer")

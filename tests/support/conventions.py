@@ -21,18 +21,18 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from daq.store import table_run
+from dev.trials.stranger.faults import Fault
+from dev.trials.stranger.gauges import Link
+from dev.trials.stranger.joints import Trace
+from dev.trials.stranger.measure import measure, trace_of
+from dev.trials.stranger.motion import Motion, approaches, visits
+from dev.trials.stranger.real.arm import healthy_arm
+from dev.trials.stranger.real.programs import circle
+from dev.trials.stranger.sight import Sight, sight_of
 from rigs.load import load, parse
 from rigs.rig import Rig
 from tests.support import driven_on, independent_arm
 from tests.support.five_arms import ARMS, OPW, PeerArm
-from tests.support.stranger.faults import Fault
-from tests.support.stranger.gauges import Link
-from tests.support.stranger.joints import Trace
-from tests.support.stranger.measure import measure, trace_of
-from tests.support.stranger.motion import Motion, approaches, visits
-from tests.support.stranger.real.arm import healthy_arm
-from tests.support.stranger.real.programs import circle
-from tests.support.stranger.sight import Sight, sight_of
 
 Array = NDArray[np.float64]
 ROBOTS = ("paper-fanuc", "ur10e")

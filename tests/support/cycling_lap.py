@@ -11,8 +11,7 @@ import yaml
 from analysis.simulation.emulated_robot import Trace, trace
 from daq import feedback, gauges
 from daq.acquisition.streams import streams_of
-from daq.emulators.own_cycle import Unsteady
-from daq.emulators.timed import timed_device, timed_read
+from daq.emulators.timed import Unsteady, timed_device, timed_read
 from daq.protocol.conversation import Sample
 from daq.store import RunWriter
 from rigs.load import load, parse

@@ -20,7 +20,7 @@ from typing import Any
 import typer
 from typer.exceptions import TyperException
 
-from analysis.cli import app
+from analysis.cli.commands import all_imported
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
 from rigs.load import shipped
@@ -71,7 +71,7 @@ class Followed:
         return f"{self.lines} lines: {self.ends} ends, {self.need_a_cell} at a cell, {len(self.dead)} dead"
 
 
-_RIG = typer.main.get_command(app)
+_RIG = all_imported()
 _RIGD = typer.main.get_command(rigd_app)
 
 

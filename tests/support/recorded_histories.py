@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from analysis import read_table, save_run
+from dev.trials.stranger.cell import read_cell
+from dev.trials.stranger.draw import background
+from dev.trials.stranger.faults import Fault, name_of
+from dev.trials.stranger.gauges import Link
+from dev.trials.stranger.measure import measure
+from dev.trials.stranger.motion import lap, track_of
+from dev.trials.stranger.names import everything
+from dev.trials.stranger.noise import added, drawn_noise, stamps
+from dev.trials.stranger.tables import write_table
 from tests.support.store_cases import edit_manifest
-from tests.support.stranger.cell import read_cell
-from tests.support.stranger.draw import background
-from tests.support.stranger.faults import Fault, name_of
-from tests.support.stranger.gauges import Link
-from tests.support.stranger.measure import measure
-from tests.support.stranger.motion import lap, track_of
-from tests.support.stranger.names import everything
-from tests.support.stranger.noise import added, drawn_noise, stamps
-from tests.support.stranger.tables import write_table
 
 _BEGAN = datetime(2026, 3, 2, 9, tzinfo=UTC)
 _LAPS = 2

@@ -16,9 +16,9 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.tables import PoseTable, TouchTable
 from daq.store import table_run
+from dev.trials.stranger.screws import Arm, Constants, arm_from, pose, torque_nm
 from rigs.rig import Rig
 from rigs.schema.robot import Robot
-from tests.support.stranger.screws import Arm, Constants, arm_from, pose, torque_nm
 
 Array = NDArray[np.float64]
 CAME_RAD = 0.15

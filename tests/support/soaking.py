@@ -18,7 +18,7 @@ from statistics import median
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.protocol.pace import Pace
+from daq.protocol.positions import Pace
 from daq.recording.label import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder

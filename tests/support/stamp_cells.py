@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from analysis.traces.clocks import Instants, gauge_instants, robot_instants
-from daq.emulators.own_cycle import Unsteady
+from daq.emulators.timed import Unsteady
 from rigs.schema.feedback import URRTDE
 from rigs.schema.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
 from rigs.schema.timing import Timing

@@ -1,27 +1,35 @@
-"""Of all commands only the one that is asked for is made ready."""
+"""A command is imported when it is called, and no other with it."""
 
 from __future__ import annotations
 
 import pytest
+import typer
 
-from analysis.cli import app
-from analysis.cli.commands import with_the_command_of
+from analysis.cli.commands import imported
+from tests.analysis.cli.test_imports import modules_of
+
+NO_COMMANDS = {"commands", "console", "options", "completion", "several", "progress"}
+"""Files of that folder which several commands share."""
 
 
 @pytest.mark.parametrize(
-    ("words", "commands", "groups"),
+    ("words", "file"),
     [
-        (["analyse", "runs/one"], ["analyse"], []),
-        (["import-urdf", "arm.urdf"], ["import_urdf"], []),
-        (["circle", "fit"], [], ["circle"]),
+        (["analyse", "--help"], {"analyse"}),
+        (["import", "--help"], {"import_"}),
+        (["circle", "fit", "--help"], {"circle"}),
+        (["keep", "--help"], {"runs"}),
+        (["--help"], set()),
+        (["--version"], set()),
     ],
 )
-def test_only_the_command_that_is_named(words: list[str], commands: list[str], groups: list[str]) -> None:
-    narrow = with_the_command_of(app, words)
-    assert [one.callback.__name__ for one in narrow.registered_commands if one.callback] == commands
-    assert [one.name for one in narrow.registered_groups] == groups
+def test_only_the_file_of_the_command_that_is_called_is_imported(words: list[str], file: set[str]) -> None:
+    files = {
+        module.removeprefix("analysis.cli.") for module in modules_of(*words) if module.startswith("analysis.cli.")
+    }
+    assert files - NO_COMMANDS == file
 
 
-@pytest.mark.parametrize("words", [[], ["--help"], ["--version"], ["analise", "runs/one"], ["circle-fit"]])
-def test_all_of_them_where_none_is_named(words: list[str]) -> None:
-    assert with_the_command_of(app, words) is app, "help lists them all, and an error the nearest"
+def test_a_group_is_imported_whole() -> None:
+    group = imported("record")
+    assert not isinstance(group, typer.core.TyperCommand) and set(group.commands) == {"start", "stop", "touch"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 import subprocess
 import sys
@@ -10,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from typer.core import TyperOption
 from typer.testing import CliRunner
 
+from analysis import cli
 from analysis.cli import app
-from analysis.cli.commands import JOBS
+from analysis.cli.commands import JOBS, all_imported
 
 BIN = Path(sys.executable).parent
-ROOT = typer.main.get_command(app)
+ROOT = all_imported()
 
 
 def _walk(group: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -58,11 +59,24 @@ def test_the_example_of_a_command_is_one_that_it_takes(words: tuple[str, ...]) -
     command.make_context("rig", typed[len(words) + 1 : until])  # raises where an option is unknown or missing
 
 
-def test_every_command_has_a_job_and_the_help_lists_them_in_the_order_of_the_work() -> None:
-    there = {command.name or command.callback.__name__.replace("_", "-") for command in app.registered_commands}  # type: ignore[union-attr]
-    there = {name.rstrip("-") for name in there} | {str(group.name) for group in app.registered_groups}
-    named = [name for names in JOBS.values() for name in names]
-    assert there <= set(named) and len(named) == len(set(named))
+LISTED = [(name, summary) for summaries in JOBS.values() for name, summary in summaries.items()]
+
+
+@pytest.mark.parametrize(("name", "summary"), LISTED)
+def test_a_command_is_listed_with_the_first_paragraph_of_its_help(name: str, summary: str) -> None:
+    assert " ".join(str(ROOT.commands[name].help).partition("\n\n")[0].split()) == summary
+
+
+def test_the_help_lists_every_command_in_the_order_of_the_work() -> None:
+    files = [file for file in Path(cli.__file__).parent.glob("*.py") if "@command(" in file.read_text(encoding="utf-8")]
+    for file in files:
+        importlib.import_module(f"analysis.cli.{file.stem}")
+    declared = {
+        info.name or str(info.callback and info.callback.__name__).replace("_", "-") for info in app.registered_commands
+    }
+    declared |= {str(group.name) for group in app.registered_groups}
+    names = [name for name, _ in LISTED]
+    assert declared == set(names) and len(names) == len(set(names))
     shown = CliRunner().invoke(app, ["-h"]).output
     assert sorted(JOBS, key=lambda job: shown.find(f" {job} ")) == list(JOBS)
     assert all(f"─ {job} ─" in shown for job in JOBS)

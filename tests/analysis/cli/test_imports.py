@@ -21,8 +21,8 @@ try:
 finally:
     sys.stderr.write("modules " + json.dumps(sorted(set(sys.modules) - before)))
 """
-TYPER = {"typer", "annotated_doc", "rich", "pygments", "markdown_it", "mdurl", "attr", "attrs", "shellingham", "click"}
-"""typer, and what rich takes for the help where it is installed."""
+TYPER = {"typer", "annotated_doc", "rich", "shellingham", "click"}
+"""typer, and what lays out its help: no Markdown, no colours of code."""
 RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
 READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
 """pyarrow takes cloudpickle where it is installed, as beside Dask."""
@@ -35,7 +35,7 @@ WORDS = {
 """What every command imports of rig: the words that its options take, its errors, its outcomes."""
 
 
-def imported(*words: str | Path) -> list[str]:
+def modules_of(*words: str | Path) -> list[str]:
     """The modules that a command imports, in a process of its own."""
     done = subprocess.run([sys.executable, "-c", _PRINT, *words], capture_output=True, text=True, check=False)
     modules: list[str] = json.loads(done.stderr.rpartition("modules ")[2])
@@ -50,7 +50,7 @@ def packages(modules: list[str]) -> set[str]:
 
 
 def test_help_imports_nothing_that_works() -> None:
-    modules = imported("--help")
+    modules = modules_of("--help")
     assert packages(modules) <= TYPER | OURS
     ours = {module for module in modules if module.partition(".")[0] in OURS}
     below = {module for module in ours if not module.startswith("analysis.cli")}
@@ -63,7 +63,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_runs_imports_what_reads_manifests(run: Path) -> None:
-    modules = imported("runs", run.parent)
+    modules = modules_of("runs", run.parent)
     assert packages(modules) <= READING | OURS | {"daq"}
     works = {
         module for module in modules if module.startswith(("analysis.measures", "analysis.traces", "analysis.model"))
@@ -73,23 +73,31 @@ def test_runs_imports_what_reads_manifests(run: Path) -> None:
 
 @pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
 def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> None:
-    modules = imported(*words, run)
+    modules = modules_of(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
     layers = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not layers & {"inference", "setting_up", "correction", "simulation", "live", "setup", "history", "paper"}
 
 
 def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
-    assert "rich" in packages(imported("analyse", run)), "it lays out the table"
-    assert "rich" not in packages(imported("analyse", "--json", run))
+    assert "rich" in packages(modules_of("analyse", run)), "it lays out the table"
+    assert "rich" not in packages(modules_of("analyse", "--json", run))
 
 
 def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
-    assert "scipy" in packages(imported(*words)), "its play is fitted"
-    assert packages(imported(*words)) <= READING | OURS | {"daq"}
+    assert "scipy" in packages(modules_of(*words)), "its play is fitted"
+    assert packages(modules_of(*words)) <= READING | OURS | {"daq"}
 
 
 def test_help_of_a_command_imports_no_more(run: Path) -> None:
-    assert packages(imported("analyse", "--help")) <= TYPER | OURS
-    assert "pydantic" in packages(imported("analyse", run)), "it reads the rig file"
+    assert packages(modules_of("analyse", "--help")) <= TYPER | OURS
+    assert "pydantic" in packages(modules_of("analyse", run)), "it reads the rig file"
+
+
+def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:
+    code = "import sys, daq.service.client, analysis.reporting.daemon_screen; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = done.stdout.split()
+    assert "numpy" not in packages(modules)
+    assert not [name for name in modules if name.startswith(("rigs.rig", "rigs.effects", "daq.protocol", "daq.store"))]

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from analysis.kinematics.arm import Array, forward
 from analysis.measures import pose, repeatability
 from analysis.traces.tables import PoseTable, RepeatabilityTable
-from tests.support import planted
+from dev.trials import planted
 
 SPREAD_MM = 0.08
 

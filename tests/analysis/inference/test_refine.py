@@ -9,6 +9,7 @@ from analysis.inference.background import background_of
 from analysis.inference.blocks import Block
 from analysis.inference.candidates import Candidate, columns_for
 from analysis.inference.refine import no_effects, refine
+from dev.trials.stranger.play import lagging
 from rigs.effects import (
     Backlash,
     Compliance,
@@ -25,7 +26,6 @@ from rigs.effects import (
 )
 from rigs.schema.effect import name_of, scaled
 from tests.support.diagnosis_cells import Array, healthy, holding, no_background, shown_by, white
-from tests.support.stranger.play import lagging
 
 CASES: dict[str, tuple[Effect, Effect]] = {
     "a wide play": (Backlash(axis=1, width_deg=0.05, transit=0.4), Backlash(axis=1, width_deg=0.02)),

@@ -8,8 +8,8 @@ import pytest
 from analysis.measures import radial, repeatability
 from analysis.measures.quantity import Quantity
 from analysis.traces.tables import RepeatabilityTable
-from tests.support.planted import targets
-from tests.support.planted.targets import STOP_S, Stops
+from dev.trials.planted import targets
+from dev.trials.planted.targets import STOP_S, Stops
 
 COARSE = Stops(scatter_mm=(0.002, 0.002), white_mm=0.0003, step_mm=0.010)
 CELLS = 100

@@ -8,9 +8,9 @@ import pytest
 from analysis.measures import radial, repeatability
 from analysis.measures.evaluate import evaluate
 from analysis.simulation.simulate import simulate
+from dev.trials import planted
 from rigs.errors import FileError
 from rigs.load import load
-from tests.support import planted
 
 TABLE = planted.hemisphere()
 

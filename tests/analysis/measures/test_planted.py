@@ -12,10 +12,8 @@ from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures.quantity import Quantity
-from rigs.errors import FileError
-from tests.support.made_once import made_once
-from tests.support.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, disturbed, gauge_times, noise_of, rows
-from tests.support.planted.circles import (
+from dev.trials.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, disturbed, gauge_times, noise_of, rows
+from dev.trials.planted.circles import (
     Outcome,
     Size,
     cell_rig,
@@ -25,8 +23,10 @@ from tests.support.planted.circles import (
     mean_figures,
     repeated_runs,
 )
-from tests.support.planted.score import CASES, TABLE, Job, Point, points_of, report, scores_of
-from tests.support.planted.targets import Stops, draw_errors, one_visit, scattered
+from dev.trials.planted.score import CASES, TABLE, Job, Point, points_of, report, scores_of
+from dev.trials.planted.targets import Stops, draw_errors, one_visit, scattered
+from rigs.errors import FileError
+from tests.support.made_once import made_once
 
 FIRST = 1000
 CELLS = {("yaw", "white"): 2, ("roll", "white"): 3, ("radial", "alike"): 12, ("repeatability", "alike"): 12}

@@ -16,9 +16,9 @@ from analysis.measures import pose
 from analysis.reporting.run_object import as_object
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.tables import PoseTable
+from dev.trials import planted
 from rigs.errors import FileError
 from rigs.load import SHIPPED, load
-from tests.support import planted
 from tests.support.command_line import ran
 from tests.support.written_runs import import_table
 

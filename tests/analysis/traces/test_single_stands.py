@@ -10,8 +10,8 @@ import pytest
 from analysis.measures import pose
 from analysis.traces.single_stands import one_row_a_stand, rows_a_stand
 from analysis.traces.tables import PoseTable, RepeatabilityTable
+from dev.trials import planted
 from tests.analysis.conventions.test_lost_poses import table
-from tests.support import planted
 
 
 def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-import daq.recording.host_watch
+import daq.recording.warnings
 import daq.store.manifest
 import daq.store.writer
 from daq.acquisition.host_clock import HOST, ClockReadings, HostClockMonitor, read_clocks
@@ -72,7 +72,7 @@ def test_this_computers_clocks_are_read_together() -> None:
 def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
     """The wall clock is set by an hour while a recording runs."""
     now = [START]
-    monkeypatch.setattr(daq.recording.host_watch, "read_clocks", lambda: now[0])
+    monkeypatch.setattr(daq.recording.warnings, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     for module in (daq.store.manifest, daq.store.writer):
         monkeypatch.setattr(module, "clock_now", lambda: anchor)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daq.acquisition.prompt import keep_stamps_prompt
+from daq.acquisition.reader import keep_stamps_prompt
 
 
 @pytest.fixture(autouse=True)

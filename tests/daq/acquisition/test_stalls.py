@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.reader import Reader
-from daq.acquisition.stall_watch import StallWatch
 from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer, faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Sample, Samples, Step
 from daq.store import read_run, verify

@@ -12,8 +12,8 @@ from pydantic import TypeAdapter
 
 import daq.feedback
 from daq.discovery import joints_of, search_robot
-from daq.doctor.condition import STOPS
-from daq.emulators.tcp_port import TcpPort
+from daq.doctor.finding import STOPS
+from daq.emulators.network_ports import TcpPort
 from daq.protocol.conversation import Device, Step
 from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState

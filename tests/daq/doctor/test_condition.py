@@ -13,9 +13,9 @@ import pytest
 import daq.feedback
 from daq.acquisition.streams import Stream, robot_stream
 from daq.doctor import Finding, Verdict, trial
-from daq.doctor.condition import of_condition
 from daq.doctor.examine import of_daemon
-from daq.emulators.tcp_port import TcpPort
+from daq.doctor.finding import of_condition
+from daq.emulators.network_ports import TcpPort
 from daq.protocol.conversation import Sample
 from rigs.schema.condition import UNDISTURBED, ProgramState, SafetyState
 from tests.support.drivers import rtde

@@ -22,9 +22,9 @@ from daq.acquisition.streams import Stream, streams_of
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
 from daq.doctor.examine import of_daemon
 from daq.emulators import emulated
+from daq.emulators.network_ports import TcpPort
 from daq.emulators.pty_line import PtyLine
-from daq.emulators.tcp_port import TcpPort
-from daq.emulators.uart import heard
+from daq.emulators.slow_lines import heard
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
 from daq.service.client import Client
 from daq.wire.opening import open_link

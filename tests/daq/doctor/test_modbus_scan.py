@@ -14,7 +14,7 @@ import yaml
 import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.doctor import Finding, Verdict, modbus_scan
-from daq.doctor.modbus_ways import ways
+from daq.doctor.modbus_scan import ways
 from daq.simulated.cell import SimulatedLine
 from daq.simulated.clock import SimulatedClock
 from rigs.load import SHIPPED, parse

@@ -11,12 +11,9 @@ from hypothesis import strategies as st
 
 import daq.feedback
 from daq.emulators import Adversity, emulated
-from daq.emulators.late_link import LateLink
-from daq.emulators.latency_timer import LatencyTimer
-from daq.emulators.own_clock import OwnClock
-from daq.emulators.own_cycle import OwnCycle, Unsteady
 from daq.emulators.pty_line import PtyLine
-from daq.emulators.timed import timed_read
+from daq.emulators.slow_lines import LateLink, LatencyTimer
+from daq.emulators.timed import OwnClock, OwnCycle, Unsteady, timed_read
 from daq.protocol.conversation import Item, Sample
 from daq.wire.opening import open_link
 from daq.wire.session import run_conversation

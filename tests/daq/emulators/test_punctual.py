@@ -7,10 +7,8 @@ import time
 from itertools import pairwise
 
 from daq import gauges
-from daq.emulators.own_cycle import STEADY
 from daq.emulators.pty_line import PtyLine
-from daq.emulators.punctual import Punctual
-from daq.emulators.timed import timed_device
+from daq.emulators.timed import STEADY, Punctual, timed_device
 from daq.protocol.conversation import Device
 from rigs.schema.links import Line
 from rigs.schema.timing import Timing

@@ -13,7 +13,7 @@ import pytest
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.protocol.stirring import STIR, STIR_EVERY_NS, STIR_NS
+from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.feedback import Feedback, columns_beside_joints
 from rigs.schema.gauges import Gauge
 from tests.support.drivers import FEEDBACKS, GAUGES, WITHOUT_PACKAGE, keyence, modbus, rtde, sylvac

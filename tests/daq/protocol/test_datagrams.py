@@ -11,7 +11,7 @@ import pytest
 
 import daq.feedback
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
-from daq.protocol.datagrams import LIMIT
+from daq.protocol.positions import LIMIT
 from rigs.schema.feedback import Feedback
 from tests.support.drivers import egm, j519, rsi
 from tests.support.simulated_conversation import S, Script

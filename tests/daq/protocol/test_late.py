@@ -10,10 +10,8 @@ import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
-from daq.protocol.polled import Polled
-from daq.protocol.resync import Resync
-from daq.protocol.rtu import RtuRequests
-from daq.protocol.stirring import STIR_EVERY_NS
+from daq.protocol.modbus import Resync, RtuRequests
+from daq.protocol.polled import STIR_EVERY_NS, Polled
 from tests.support.drivers import TCP, modbus
 from tests.support.lateness import TIMEOUT_S, Numbered, polled, simulated, wired
 from tests.support.simulated_conversation import S, simulate

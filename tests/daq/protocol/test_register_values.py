@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
-from daq.protocol.register_values import fits, pack, unpack
+from daq.protocol.modbus import fits, pack, unpack
 from rigs.schema.modbus import ModbusMap, StatusRegister, ValueRegister
 from tests.support.drivers import PLAIN, TCP, gauge, keyence, modbus
 from tests.support.simulated_conversation import Script, asked

@@ -13,8 +13,8 @@ import pytest
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.numerals import AGREED, hand_on
 from daq.protocol.polled import echoed_part
-from daq.protocol.shapes import AGREED, hand_on
 from tests.support.drivers import gauge, modbus, sylvac
 from tests.support.simulated_conversation import S, Script, asked
 

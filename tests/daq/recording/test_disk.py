@@ -17,8 +17,8 @@ import daq.acquisition.stream_buffer
 import daq.recording.active_run
 import daq.recording.io_worker
 import daq.recording.machine
-import daq.recording.rate_limited_log
 import daq.recording.recorder
+import daq.recording.warnings
 from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
@@ -122,7 +122,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 0.02)
     # private _SYNC_S, _INTERVAL_S, _SLOW_S, _ROOM: the real limits take seconds and thousands of readings
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
-    monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
+    monkeypatch.setattr(daq.recording.warnings, "_INTERVAL_S", 0.0)
     return Written(tmp_path)
 
 
@@ -316,7 +316,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
         syncing.set()
         assert done.wait(20)
 
-    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.recording.warnings, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "fsync", slow)
     written.deliver()
     written.recorder._round()
@@ -443,7 +443,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
         return write(fd, data, offset)
 
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 50)
-    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.recording.warnings, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "pwrite", slow)
     writing = threading.Thread(target=written.round)
     writing.start()

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from daq.acquisition.pretrigger import PretriggerBuffer
-from daq.acquisition.stream_buffer import samples_of
+from daq.acquisition.stream_buffer import PretriggerBuffer, samples_of
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
 from rigs.schema.recording_rules import Rule

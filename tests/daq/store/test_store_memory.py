@@ -10,7 +10,7 @@ import pytest
 
 MAPPED = """
 import ctypes
-from daq.store.memory import keep_large_blocks_apart
+from daq.store.room import keep_large_blocks_apart
 
 class Info(ctypes.Structure):
     _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks".split()]
@@ -39,7 +39,7 @@ def test_the_first_rows_import_nothing() -> None:
     script = """
 import sys
 from daq.recording.io_worker import IoWorker
-from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.warnings import RateLimitedLog
 import numpy as np, pyarrow as pa
 
 IoWorker(RateLimitedLog())

@@ -10,9 +10,7 @@ import struct
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host, Step
-from daq.protocol.order import Order
-from daq.protocol.pace import Pace
-from daq.protocol.positions import Position, Positions, Refused
+from daq.protocol.positions import Order, Pace, Position, Positions, Refused
 from daq.protocol.streamed import Streamed
 from rigs.schema.example_arm import ExampleArm
 

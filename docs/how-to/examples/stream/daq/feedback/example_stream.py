@@ -12,7 +12,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles
-from daq.protocol.pace import Pace
+from daq.protocol.positions import Pace
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.example_stream import ExampleStream
 

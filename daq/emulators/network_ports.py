@@ -1,0 +1,196 @@
+"""The instrument's end of a network port: TCP that is called and TCP that calls, and UDP.
+
+While a TCP port is unplugged it refuses connections, and comes back at the same port; each connection has a fresh
+conversation.
+
+A controller that calls by UDP (RSI, EGM) sends unasked to the port that the rig file names as ours; one that is called
+(Stream Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that no
+process has that peer's port any more, the controller's program ends and is started again, as an operator would: by a
+new conversation, and where it calls from a new port.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+from collections.abc import Callable
+
+from daq import clock
+from daq.emulators.slow_lines import LateLink
+from daq.protocol.conversation import Conversation
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import run_conversation
+
+_ACCEPT_S = 0.2
+
+
+class TcpPort:
+    """Listens on loopback at a free port and serves each client that connects."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
+        """Listen at a free port."""
+        return cls(socket.create_server(("127.0.0.1", 0)), device, jitter_ms)
+
+    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self._device = device
+        self._jitter_ms = jitter_ms
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
+        self.plugged.set()
+        self._server = server
+        self._address = self._server.getsockname()
+        self.port = f"tcp://127.0.0.1:{self._address[1]}"
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a connection ends, the next is accepted."""
+        self._accept(stop)
+        while not stop.is_set():
+            if self.plugged.wait(_ACCEPT_S) and self._listen():
+                self._accept(stop)
+
+    def _listen(self) -> bool:
+        try:
+            self._server = socket.create_server(self._address)
+        except OSError:
+            return False  # somebody's connection was lent the port meanwhile; soon it is free again
+        return True
+
+    def _accept(self, stop: clock.Event) -> None:
+        self._server.settimeout(_ACCEPT_S)
+        with self._server:
+            while self.plugged.is_set() and not stop.is_set():
+                try:
+                    sock, _ = self._server.accept()
+                except TimeoutError:
+                    continue
+                self._hang_up.clear()
+                self._converse(sock, stop)
+
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        link = Link("emulated", sock.fileno(), sock.close)
+        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+        with contextlib.suppress(LinkLost):
+            run_conversation(late, self._device(), lambda _: None, ended)
+        link.close()
+
+    def hang_up(self) -> None:
+        """End the present connection; the next one is served again."""
+        self._hang_up.set()
+
+
+_AGAIN_S = 0.2
+_CONNECT_S = 1.0
+_HOST = "127.0.0.1"
+
+
+class TcpCaller:
+    """Calls a port of the host on loopback. `port` is what the rig file names: a port that was free."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
+        """Find a free port."""
+        with socket.create_server((_HOST, 0)) as server:
+            return cls(int(server.getsockname()[1]), device, jitter_ms)
+
+    def __init__(self, number: int, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self._number = number
+        self._device = device
+        self._jitter_ms = jitter_ms
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
+        self.plugged.set()
+        self.port = f"tcp://{_HOST}:{number}"
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a connection ends or is refused, call again."""
+        while not stop.is_set():
+            if self.plugged.wait(_AGAIN_S):
+                self._hang_up.clear()
+                with contextlib.suppress(OSError, LinkLost):
+                    self._converse(socket.create_connection((_HOST, self._number), _CONNECT_S), stop)
+            stop.wait(_AGAIN_S)
+
+    def hang_up(self) -> None:
+        """End the present connection, and call again soon."""
+        self._hang_up.set()
+
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        with contextlib.closing(Link("emulated", sock.fileno(), sock.close)) as link:
+            late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+            run_conversation(late, self._device(), lambda _: None, ended)
+
+
+class UdpPort:
+    """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
+        """Find a free port."""
+        with _bound(0) as sock:
+            return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
+
+    def __init__(self, number: int, device: Callable[[], Conversation], calls: bool, jitter_ms: float) -> None:
+        self._device = device
+        self._jitter_ms = jitter_ms
+        self._calls = calls
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
+        self.plugged.set()
+        self._number = number
+        self.port = f"udp://{_HOST}:{self._number}"
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a conversation ends, the next begins."""
+        while not stop.is_set():
+            if not self.plugged.wait(_AGAIN_S):
+                continue
+            self._hang_up.clear()
+            with _bound(0 if self._calls else self._number) as sock:
+                if self._found_peer(sock, stop):
+                    self._converse(sock, stop)
+            stop.wait(_AGAIN_S)
+
+    def hang_up(self) -> None:
+        """End the conversation there is; the next one begins soon."""
+        self._hang_up.set()
+
+    def _found_peer(self, sock: socket.socket, stop: clock.Event) -> bool:
+        """Whether there is somebody to speak to before `stop`; the socket is then connected to him."""
+        if self._calls:
+            sock.connect((_HOST, self._number))
+            return True
+        while not stop.is_set():
+            if select.select([sock], [], [], _AGAIN_S)[0]:
+                sock.connect(sock.recvfrom(1, socket.MSG_PEEK)[1])
+                return True
+        return False
+
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        sock.setblocking(False)
+        link = Link("emulated", sock.fileno(), sock.close)
+        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+        try:
+            run_conversation(late, self._device(), lambda _: None, ended)
+        except LinkLost:
+            return  # no process has the peer's port: the daemon has not started, or has ended
+
+
+def _bound(number: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind((_HOST, number))
+    return sock

@@ -1,0 +1,94 @@
+"""What a recorder warns of: faults as they repeat, samples that were lost, and what happens to the computer itself."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from daq import clock
+from daq.acquisition.host_clock import HOST, HostClockMonitor, StallWatch, read_clocks
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.protocol.conversation import Fault, FaultKind
+
+log = logging.getLogger("rigd")
+_INTERVAL_S = 10.0
+_SLOW_S = 2.0
+
+
+class RateLimitedLog:
+    """Logs the faults of one daemon; streams and kinds are few, and so is what it remembers."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, str], tuple[float, int]] = {}
+
+    def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
+        """Log a fault; the same kind is logged again after ten seconds at the earliest, with the number left out.
+
+        A fault of count 0, which adds details to an earlier one, is logged at once.
+        """
+        if not count:
+            log.info("%s: %s", name, detail)
+            return
+        warned_at, suppressed = self._last.get((name, kind), (-1e9, 0))
+        now = clock.now_s()
+        if now - warned_at < _INTERVAL_S:
+            self._last[name, kind] = (warned_at, suppressed + count)
+            return
+        more = f" ({suppressed} more since the last such line)" if suppressed else ""
+        log.warning("%s: %s: %s%s", name, kind, detail, more)
+        self._last[name, kind] = (now, 0)
+
+    def warn_faults(self, name: str, faults: Sequence[Fault]) -> None:
+        """Log faults of one stream."""
+        for fault in faults:
+            self.warn(name, fault.kind, fault.detail, fault.count)
+
+    def warn_slow(self, what: str, seconds: float) -> None:
+        """Log what the disk has been slow with, if it was."""
+        if seconds > _SLOW_S:
+            self.warn("disk", f"slow {what}", f"has taken {seconds:.1f} s; readers do not wait for it")
+
+
+class Losses:
+    """Counts such samples of each stream, and reports faults that were found after a stream was read."""
+
+    def __init__(self, buffers: Mapping[str, StreamBuffer], warnings: RateLimitedLog) -> None:
+        self._buffers, self._warnings = buffers, warnings
+        self.counts: Counter[str] = Counter()
+
+    def add(self, samples: Counter[str], why: str) -> None:
+        """Report and count samples that no run holds or counts."""
+        self.counts += samples
+        for name, count in (+samples).items():
+            what = f"{count} samples are in no run: {why}"
+            self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), what, count)])
+
+    def report(self, name: str, faults: Sequence[Fault]) -> None:
+        """Log and count faults of a stream that were found here and are in the run already."""
+        self._warnings.warn_faults(name, faults)
+        self._buffers[name].count(faults)
+
+
+class HostWatch:
+    """Finds faults of the computer, logs them and counts them by kind since the daemon started."""
+
+    def __init__(self, warnings: RateLimitedLog) -> None:
+        self._warnings = warnings
+        self._clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
+        self.counts: Counter[str] = Counter()
+
+    def start(self) -> None:
+        """Watch for stalls from now on."""
+        self._stalls.start()
+
+    def stop(self) -> None:
+        """End the watch for stalls."""
+        self._stalls.stop()
+
+    def check(self) -> list[Fault]:
+        """Return the faults since the last check."""
+        faults = self._clock.check(read_clocks()) + self._stalls.take()
+        self._warnings.warn_faults(HOST, faults)
+        self.counts.update(fault.kind for fault in faults)
+        return faults
