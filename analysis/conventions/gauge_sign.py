@@ -19,6 +19,7 @@ from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated, or
 from analysis.conventions.repeats import GRID, gridded
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
 from analysis.traces.laps import laps_of
@@ -26,7 +27,6 @@ from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle
 from rigs.schema.play import play
 from rigs.schema.vocabulary import TestName
 
@@ -147,9 +147,10 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
-    for test, both in _pairs(runs):
+    for rig, test, both in _pairs(runs):
         acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
-        energies += [_left_of_plays(runs[0].rig, test, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
+        slopes = _slopes(rig, test, acw, cw)
+        energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
         values += 2 * GRID / _ALIKE
     if not values or not energies.all():
         return
@@ -208,10 +209,10 @@ def _as(way: _Way, meant: _Meant) -> _Way:
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
-def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways. Those that hold no lap are reported where they
-    are analysed."""
-    found: dict[tuple[object, ...], tuple[TestName, dict[str, list[_Way]]]] = {}
+def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
+    """The circles of each test and placement that were driven both ways, with their rig. Those that hold no lap are
+    reported where they are analysed."""
+    pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         manifest, table = run.run.manifest, run.table
         if not isinstance(table, CircleTable) or table.g_mm.shape[1] != 2:
@@ -219,8 +220,9 @@ def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[TestName, dict[str, list[
         with suppress(FileError):
             way = _way(run, table)
             key = (table.test, manifest.placement, repr(run.rig.tests.circle))
-            found.setdefault(key, (table.test, {}))[1].setdefault(table.direction, []).append(way)
-    yield from (one for one in found.values() if len(one[1]) == 2)
+            ways = pairs.setdefault(key, (run.rig, table.test, {}))[2]
+            ways.setdefault(table.direction, []).append(way)
+    yield from (pair for pair in pairs.values() if len(pair[2]) == 2)
 
 
 def _way(run: Measured, table: CircleTable) -> _Way:
@@ -240,17 +242,12 @@ def _mean(ways: Sequence[_Way]) -> _Way:
     return _Way(*(np.mean([getattr(way, name) for way in ways], axis=0) for name in vars(ways[0])))
 
 
-def _left_of_plays(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> float:
-    """Energy in mm² that plays which lag leave of the difference of both ways. What goes with the angles is the same
-    both ways; drift, late times and a gauge that sticks are taken out."""
+def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
+    """Energy in mm² that plays which lag leave of the difference of both ways, given the slopes of the gauges by each
+    joint (GRID, 2, 6) mm/rad. What goes with the angles is the same both ways; drift, late times and a gauge that
+    sticks are taken out."""
     from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
 
-    circle = rig.tests.circle
-    if circle is None:
-        return 0.0
-    # A robot that drives on stands turns apart between the ways, and from lap to lap: only the posture counts.
-    cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
-    slopes = _slopes(rig, circle, test, np.arctan2(sine, cosine))
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
     late = (slopes * (acw.speed - cw.speed)[:, None, :]).reshape(-1, 6)
     phi = np.arange(GRID) * 2 * np.pi / GRID
@@ -271,8 +268,12 @@ def _scaled(design: Array) -> Array:
     return design / np.where(length > 0, length, 1.0)
 
 
-def _slopes(rig: Rig, circle: Circle, test: TestName, q: Array) -> Array:
-    """Slopes (GRID, 2, 6) in mm/rad of both gauges by each joint, at angles (GRID, 6) rad, of the nominal arm."""
+def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
+    """Slopes (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, where it stood both ways."""
+    circle = circle_of(rig)
+    # A robot that drives on stands turns apart between the ways, and from lap to lap: only the posture counts.
+    cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
+    q = np.arctan2(sine, cosine)
     arm, centre = arm_of(rig.robot), frame_of(circle).centre
     offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])[:2]
 

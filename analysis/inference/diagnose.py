@@ -186,7 +186,7 @@ def diagnose(
     ]
     named.sort(key=lambda one: (not one.stands, -one.worth_um))
     early = early_readings(result)
-    judged = accuracy_of(gaps, *standing_of(rig, used), tolerance_um)
+    judged = accuracy_of(gaps, *(standing_of(rig, used) if tolerance_um is None else (None, None)), tolerance_um)
     found = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
     found = replace(found, given=given is not None)
     written = [one.effect for one in found.written]

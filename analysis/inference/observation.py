@@ -427,7 +427,7 @@ def without_wild(table: CircleTable) -> CircleTable:
         wild = is_wild(gauge)
         if wild.any() and not wild.all():
             gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
-    return replace(table, g_mm=g_mm)
+    return table if np.array_equal(g_mm, table.g_mm) else replace(table, g_mm=g_mm)
 
 
 def averaged(table: CircleTable, count: int) -> CircleTable:

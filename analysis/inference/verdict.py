@@ -102,7 +102,8 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
     """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
     where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
     not of what a calibrated model leaves of it."""
-    judged = judged_figures(_evaluable(runs), rig.limits)
+    limited = [run for run in runs if rig.limits.judge(run.run.manifest.test)]
+    judged = judged_figures(_evaluable(limited), rig.limits)
     if not judged:
         return None, None
     return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"

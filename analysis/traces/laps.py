@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from weakref import ref
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.traces.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import Direction
 from rigs.text import as_argument
 
@@ -83,8 +86,26 @@ class Laps:
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     """All whole laps that a circle table holds in its direction; `where` names the run in errors.
 
-    They may follow each other or, since few wrists have two turns to give, with ways back between them. Raises
-    FileError where the robot did not drive the circle that the rig file says."""
+    They may follow each other or, since few wrists have two turns to give, with ways back between them. Those of a
+    table that is not long are kept as long as the table, of which each part of a diagnosis asks them. Raises FileError
+    where the robot did not drive the circle that the rig file says."""
+    key, cell = id(table), (rig.robot, rig.tests.circle)
+    if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell:
+        return kept[2]
+    laps = _cut_out(table, rig, where)
+    if len(table.q) <= _KEPT_ROWS:
+        _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, laps)
+    return laps
+
+
+_LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Laps]] = {}
+"""The laps of the tables that somebody holds, by the identity of the table, with the arm and the circle they are of."""
+_KEPT_ROWS = 50_000
+"""Longer tables are cut again: a copy of their rows takes more than 5 MB."""
+
+
+def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
+    """Return the laps of a table. Raises FileError."""
     circle = circle_of(rig)
     _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]

@@ -175,6 +175,10 @@ class Limits(Part):
             return given
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
+    def judge(self, test: str) -> bool:
+        """Return whether a figure of a test may have a limit."""
+        return self.data_sheet_rp_mm is not None or bool(getattr(self, test).model_dump(exclude_none=True))
+
     def from_data_sheet(self, test: str, figure: str) -> bool:
         """Return whether the limit of a figure is the data sheet's."""
         own = getattr(getattr(self, test), figure, None)

@@ -30,12 +30,14 @@ from daq.store.manifest import Manifest
 from rigs.effects import Effect, JointOffset
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
+from rigs.schema.limits import Limits
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.made_once import made_once
 
 Array = NDArray[np.float64]
 RIG, TEXT = load("paper-fanuc")
-RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": ()})
+# Without limits: figures that nobody looks at would take a quarter of each diagnosis.
+RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": (), "limits": Limits()})
 WAYS: tuple[Direction, ...] = ("cw", "acw")
 
 

@@ -106,16 +106,21 @@ list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))
 """
     child = [sys.executable, "-c", program, str(tmp_path)]
     with subprocess.Popen(child, stderr=subprocess.PIPE, text=True, start_new_session=True) as parent:
-        assert parent.stderr and until(lambda: len(signed_in(tmp_path)) == 2)
-        if end == signal.SIGINT:
-            os.killpg(parent.pid, end)  # as a terminal sends it, to the workers too
-        else:
-            parent.send_signal(end)
-            (tmp_path / "released").touch()  # nobody is left to end what is being worked on: the workers end after it
-        said = parent.stderr.read().strip()
-        assert said.count("Traceback") == (end == signal.SIGINT), "of the parent, and of no worker"
-        assert said.endswith("KeyboardInterrupt" if end == signal.SIGINT else "")
-        assert until(lambda: all(map(is_gone, signed_in(tmp_path))))
+        try:
+            assert parent.stderr and until(lambda: len(signed_in(tmp_path)) == 2)
+            if end == signal.SIGINT:
+                os.killpg(parent.pid, end)  # as a terminal sends it, to the workers too
+            else:
+                parent.send_signal(end)
+                (
+                    tmp_path / "released"
+                ).touch()  # nobody is left to end what is being worked on: the workers end after it
+            said = parent.stderr.read().strip()
+        finally:
+            (tmp_path / "released").touch()  # a test that fails waits for nobody
+    assert said.count("Traceback") == (end == signal.SIGINT), "of the parent, and of no worker"
+    assert said.endswith("KeyboardInterrupt" if end == signal.SIGINT else "")
+    assert until(lambda: all(map(is_gone, signed_in(tmp_path))))
 
 
 def waits(item: Path) -> None:
