@@ -47,7 +47,7 @@ BALL_MM = np.array([10.0, -5.0, 120.0])
 POSES, TOUCHES, SOCKETS, FEWER = 100, 80, 2, 4
 _FAULTS = {"one": 1, "two": 2, "three": 3, "few": 2}
 _SLIP_DEG = (0.05, 0.2)
-_SEATS = ("axis", "field", "gauge", "from_axis", "to_axis")
+_SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "other")
 _DONE = ("repair", "mount", "remaster", "enter", "load")
 """Acts that change the arm or what is sent to it."""
 
@@ -107,7 +107,7 @@ class Scored:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", type=int, nargs="?", default=6, help="cells (6)")
-    parser.add_argument("--seed", type=int, default=1, help="of the first cell (1)")
+    parser.add_argument("--seed", type=int, default=1, help="of the first cell, which decides its kind and way too (1)")
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=WAYS, help="circles, poses, touches (all)")
     parser.add_argument("--minutes", type=float, default=60.0, help="begin no further cell after so many minutes (60)")
     given = parser.parse_args()
@@ -116,8 +116,9 @@ def main() -> None:
         for k in range(given.count):
             if time.monotonic() - begin > 60 * given.minutes:
                 break
-            way = given.ways[(k + k // len(KINDS)) % len(given.ways)]
-            done.append(scored(KINDS[k % len(KINDS)], way, given.seed + k, Path(directory)))
+            seed = given.seed + k
+            way = given.ways[(seed + seed // len(KINDS)) % len(given.ways)]
+            done.append(scored(KINDS[seed % len(KINDS)], way, seed, Path(directory)))
             print(done[-1], flush=True)
     print(table(done))
 
