@@ -334,6 +334,7 @@ class Posterior:
         fault, pick, sigma, size = np.full((4, len(forms)), -np.inf)
         sigma[:] = size[:] = 0.0
         width = np.array([len(form.columns) for form in forms])
+        usual_variance = self.background.columns.usual_variance(level)
         for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
             cols = np.array([forms[k].columns for k in members.tolist()])
@@ -350,7 +351,8 @@ class Posterior:
             values = np.maximum(values, 0.0)
             along, at = (np.einsum("nij,ni->nj", turn, one) for one in (eta, mean))
             seen = along**2
-            now = cavity_evidence(values, (along - values * at) ** 2, prior.mean(axis=1)[:, None])
+            usual = np.minimum(prior, usual_variance[cols]).mean(axis=1)[:, None]
+            now = cavity_evidence(values, (along - values * at) ** 2, usual)
             now += np.sum(along * at - 0.5 * values * at**2, axis=1)
             fault[members] = fault_evidence(values, seen, level) - now
             pick[members] = cavity_evidence(values, seen, level**2 / q) - now

@@ -452,6 +452,17 @@ class Columns:
             variance[self.curves.columns] = self.curves.variance(curves)
         return variance
 
+    def usual_variance(self, level: float) -> Array:
+        """Return the largest variance (p,) that is usual of the coefficients at a level: that of a healthy arm for the
+        constants that have widths of their own, and no limit for all others.
+
+        A width that has only one large constant to go by is as large as that, and would make any fault usual.
+        """
+        usual = np.full(len(self.healthy), np.inf)
+        constants = self.curves.of_constants
+        usual[constants] = level**2 * self.healthy[constants]
+        return usual
+
     def mean(self, level: float) -> Array:
         """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
         effect."""

@@ -88,6 +88,11 @@ class CurveColumns:
         """How many widths there are."""
         return int(self.joint.max(initial=-1)) + 1
 
+    @property
+    def of_constants(self) -> NDArray[np.int64]:
+        """The indices of those that are no waves but constants with a width of their own."""
+        return self.columns[self.joint >= MOST_AXES]
+
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
         found: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among

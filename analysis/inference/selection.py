@@ -87,7 +87,7 @@ _OF_SET_UP = 0.01
 """Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
 a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
 term leaves 0.6 and more."""
-_CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 5.0
+_CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves in turn with the weights of wild readings, and the log evidence that one must gain
 for the next. Chosen: a wild pose among 30 of a UR10 took three."""
 _FEW = 3

@@ -172,11 +172,8 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathErr
     measured = [as_commanded(load_measured(path), driven) for path in runs]
     if not measured:
         return None
-    residuals_mm = []
-    for one in measured:
-        compared = compare([one], one.rig)
-        residuals_mm += [run.residuals_mm for run in compared.runs]
-    every = np.concatenate([one.ravel() for one in residuals_mm])
+    # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
+    every = np.concatenate([one.residuals_mm.ravel() for one in compare(measured, measured[0].rig).runs])
     return PathError(
         um=round(float(1e3 * np.sqrt(np.mean(every**2))), 2),
         largest_um=round(float(1e3 * np.abs(every).max()), 2),

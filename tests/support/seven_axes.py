@@ -52,7 +52,7 @@ class Fault:
 class Truth:
     """An arm as it really is. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad), phase of each; play (axes,)
     rad; scatter_mm: of one coordinate; off: the constants less those of the rig
-    file."""
+    file; slip: joint from 0, and beyond which angle (rad) its link is off by so many rad, as after a slipped tooth."""
 
     arm: Arm
     soft: Array
@@ -60,6 +60,7 @@ class Truth:
     play: Array
     scatter_mm: float
     off: Constants
+    slip: tuple[int, float, float] | None = None
 
     def size_of(self, fault: Fault) -> float:
         """What the arm really has at the place of a fault, in its unit: the fault and what sound arms have there."""
@@ -74,6 +75,9 @@ class Truth:
         out = q + torque_nm(self.arm, q) * self.soft
         for joint, order, amplitude, phase in self.waves:
             out[:, joint] += amplitude * np.sin(order * q[:, joint] + phase)
+        if self.slip is not None:
+            joint, beyond, step = self.slip
+            out[:, joint] += np.where(q[:, joint] > beyond, step, 0.0)
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:

@@ -13,7 +13,8 @@ from analysis.correction.pose_uncertainty import frame_u_mm
 from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.traces.tables import PoseTable
 from rigs.load import load
-from tests.support import soft_arm
+from rigs.schema.effect import name_of
+from tests.support import independent_arm, soft_arm
 from tests.support.diagnosis_cells import found_in, measured
 
 Array = NDArray[np.float64]
@@ -46,3 +47,15 @@ def test_u_is_true_where_few_poses_were_given() -> None:
     error, u = (np.concatenate([one[k] for one in both]) for k in (0, 1))
     assert 0.7 < np.sqrt(np.mean((error / u) ** 2)) < 1.25
     assert np.mean(error <= 2 * u) >= 0.9
+
+
+def test_a_zero_far_from_usual_is_named_though_it_alone_shows_how_wide_zeros_are() -> None:
+    """The zeros have a width of their own beside few poses. With the other zeros named, that of one that is wrong by
+    twelve times the usual was as wide as this one, which then was usual, and 1.5 instead of 0.3 mm were left."""
+    rng = np.random.default_rng(5)
+    cell = independent_arm.cell("ur10e", independent_arm.bad_zeros(rng), rng)
+    seen = cell.seen(independent_arm.postures("ur10e", 24, rng), rng)
+    rig = load("ur10e")[0].model_copy(update={"effects": ()})
+    found = found_in([measured(PoseTable(seen.q, seen.xyz_mm, None), "pose", "few", rig)], rig)
+    named = {name_of(one.effect): one.effect for one in found.standing}
+    assert {f"joint_offset {axis}" for axis in (2, 3, 4, 5)} <= set(named)
