@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line
-from rigs.schema.origin import Origin
+from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 NO_DEFAULT = "line to be given"

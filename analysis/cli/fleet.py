@@ -60,7 +60,7 @@ def fleet(
 
         hold_page(output)
     if parquet:
-        from analysis.files.existing import refuse_foreign
+        from analysis.files.write import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
     if catalogue:

@@ -14,9 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
-from analysis.files.cells import value
+from analysis.files.cells import TableFileError, TableProblem, value
 from analysis.files.read import MOST_BYTES
-from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
 from analysis.traces.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError

@@ -11,9 +11,9 @@ from itertools import permutations
 import numpy as np
 import pyarrow as pa
 
+from analysis.files.cells import TableFileError, TableProblem
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Lengths
-from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.geometry.iso_cube import ORDER, Cube
 from analysis.geometry.rigid import best_rigid, in_frame
 from analysis.kinematics.arm import Array, Integers

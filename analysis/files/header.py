@@ -6,7 +6,7 @@ import difflib
 import re
 from collections import Counter
 
-from analysis.files.table_problems import TableFileError, TableProblem, quoted
+from analysis.files.cells import TableFileError, TableProblem, quoted
 from analysis.traces.table_layout import LAYOUTS, RAIL, TURN, WORDS, Layout, came_from_columns, layout_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName

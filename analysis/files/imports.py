@@ -9,6 +9,7 @@ from pathlib import Path
 
 from analysis.conventions.check import doubts_of, refuse_impossible
 from analysis.files.bags import is_bag
+from analysis.files.cells import Problems, TableFileError
 from analysis.files.cube_stops import with_joints
 from analysis.files.map_proposal import Proposal, propose
 from analysis.files.mapped import MappedPoses, poses_of, table_by
@@ -17,7 +18,6 @@ from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, r
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
-from analysis.files.table_problems import Problems, TableFileError
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
 from analysis.measures.driven_paths import driven_paths

@@ -16,13 +16,13 @@ import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
 from analysis.conventions.source import OF_CONTROLLER
+from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
 from analysis.files.mapped import MappedPoses, poses_of
 from analysis.files.meant_columns import meant
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
-from analysis.files.table_problems import TableFileError
 from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.pose_setup import fit_setup
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, without_setup

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from analysis.files.cells import value
+from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, joint_columns
 from analysis.traces.tables import PoseTable

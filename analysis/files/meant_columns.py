@@ -14,10 +14,10 @@ import numpy as np
 
 from analysis.conventions.joint_meanings import Meaning, meanings
 from analysis.conventions.joints import left_mm
+from analysis.files.cells import TableFileError
 from analysis.files.mapped import poses_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TableMap
-from analysis.files.table_problems import TableFileError
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.traces.tables import PoseTable
 

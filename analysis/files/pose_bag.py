@@ -20,15 +20,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.files.bags import bag_of, messages_of
-from analysis.files.mcap_messages import Found
+from analysis.files.bags import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, Found, bag_of, joint_state, messages_of
 from analysis.files.ros_bag import newest
-from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, joint_state
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.stands import Stand, stands_of
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 
 _JOINT = re.compile(r"[\w./-]{1,100}")
 _FEWEST = 3

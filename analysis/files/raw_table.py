@@ -20,10 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from analysis.files.cells import value
+from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.other_formats import refuse_other_formats
 from analysis.files.table_map import SEPARATORS, Layout, Separator
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST
 from daq.store.schema import array_of

@@ -16,15 +16,14 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.files.bags import MCAP_MAGIC as MAGIC
 from analysis.files.bags import is_bag
-from analysis.files.columns import Columns, Row, column_type, columns_of
-from analysis.files.formulas import as_it_was
+from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of
 from analysis.files.header import check_header
-from analysis.files.mcap_messages import MAGIC
 from analysis.files.other_formats import refuse_comments, refuse_other_formats
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
+from analysis.files.write import as_it_was
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
 from daq.store.schema import table_schema
 from rigs.errors import FileError

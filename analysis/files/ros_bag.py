@@ -19,14 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.files.bags import Bag, bag_of, messages_of
-from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, NUMBER, joint_state, number
+from analysis.files.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
 from analysis.kinematics.arm import Integers, Mask
 from analysis.traces.align import Aligned, align_streams
 from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 from rigs.schema.vocabulary import TestName
 
 _MOST_MESSAGES = 5_000_000

@@ -8,8 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from analysis.files.columns import Columns
-from analysis.files.table_problems import TableProblem
+from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
 from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns

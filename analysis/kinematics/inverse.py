@@ -12,12 +12,10 @@ from functools import partial
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask, blocks
-from analysis.kinematics.canonical import Canonical, canonical
-from analysis.kinematics.closed_form import branches
+from analysis.kinematics.closed_form import Canonical, branches, canonical
+from analysis.kinematics.limits import distinct, good, may_hold_twins, off_by, wrapped
 from analysis.kinematics.newton import newton
 from analysis.kinematics.search import searched
-from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by
-from analysis.kinematics.turns import wrapped
 
 _POLISHED_MM = 1e-3
 """An error of a closed form below this comes from rounding, and a Newton step removes it; above it, from reach."""

@@ -10,12 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.kinematics.canonical import Canonical
-from analysis.kinematics.closed_form import branches
+from analysis.kinematics.closed_form import Canonical, branches
+from analysis.kinematics.limits import distinct, good, may_hold_twins, off_by, wrapped
 from analysis.kinematics.newton import TOLERANCE_MM, from_nearby, newton
 from analysis.kinematics.singularity import null_motion
-from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by
-from analysis.kinematics.turns import wrapped
 
 _SEEDS, _MOST = 96, 16
 """Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""

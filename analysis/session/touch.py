@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from analysis.files.existing import refuse_existing
+from analysis.files.write import refuse_existing
 from analysis.geometry.rigid import moved_by
 from analysis.kinematics.arm import arm_of
 from analysis.setting_up.touching import Touching

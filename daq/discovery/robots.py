@@ -28,9 +28,8 @@ from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
 from daq.wire.links import LinkLost
 from daq.wire.opening import open_link
 from rigs.errors import CellError
-from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, OPCUARobotics
 from rigs.schema.links import tcp_address, udp_address
-from rigs.schema.opc_ua import OPCUARobotics
 
 _LISTEN_S = 1.5
 _SILENCES = 3

@@ -40,7 +40,7 @@ from daq.protocol.opc_ua_session import (
 )
 from daq.protocol.opc_ua_values import RobotValues
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
 """Requests that the server may have at once: one for each answer on its way."""

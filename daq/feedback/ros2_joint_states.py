@@ -25,7 +25,7 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.positions import Datagrams, Pace
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 
 RATE_HZ = 100.0
 """The rate of the emulated driver (100 Hz is what ros2_control updates at by default); the host assumes none."""

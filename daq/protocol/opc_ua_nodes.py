@@ -23,7 +23,7 @@ from asyncua import ua
 
 from daq.protocol.opc_ua_condition import FRONT, READY, STATE
 from rigs.schema.condition import TEMPERATURES
-from rigs.schema.opc_ua import OPCUARobotics, are_nodes
+from rigs.schema.feedback import OPCUARobotics, are_nodes
 
 T = TypeVar("T")
 Talk = Generator[Any, Any, T]

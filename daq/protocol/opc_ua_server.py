@@ -34,8 +34,7 @@ from daq.protocol.opc_ua_condition import shown_of
 from daq.protocol.opc_ua_space import Space, robot_space
 from daq.protocol.positions import Pace
 from rigs.schema.condition import UNDISTURBED
-from rigs.schema.feedback import condition_columns
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics, condition_columns
 
 _REQUESTS = {
     kind().TypeId.Identifier: kind

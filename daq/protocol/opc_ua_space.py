@@ -11,7 +11,7 @@ from asyncua import ua
 from daq.protocol.opc_ua_condition import DRIVES, EMERGENCY, MASS, MODE, OVERRIDE, PROTECTIVE, READY, STATE
 from daq.protocol.opc_ua_nodes import CELSIUS, DEGREE, KILOGRAM, OBJECTS
 from rigs.schema.condition import TEMPERATURES
-from rigs.schema.opc_ua import OPCUARobotics, are_nodes
+from rigs.schema.feedback import OPCUARobotics, are_nodes
 
 _OURS = 4
 """The number of the namespace in which this server's nodes are."""

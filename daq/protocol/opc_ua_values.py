@@ -16,8 +16,7 @@ from daq.protocol.opc_ua import NO_STAMP
 from daq.protocol.opc_ua_condition import condition_of
 from daq.protocol.opc_ua_nodes import RobotNodes, read_request
 from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
-from rigs.schema.feedback import condition_columns
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics, condition_columns
 
 _TOGETHER = 0.5
 """Stamps of axes within this share of the interval are of one sample."""
