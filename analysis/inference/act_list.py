@@ -86,9 +86,15 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
     enough: its repair stands behind its correction."""
     corrected = {k for one in acts if one.kind in ("load", "approach") for k in one.parts}
     late = [one for one in acts if one.why == "sure_and_large" and one.kind == "repair" and {*one.parts} <= corrected]
-    first = sorted((one for one in acts if one not in late), key=lambda one: -one.removes_um)
+    first = sorted((one for one in acts if one not in late), key=_weight, reverse=True)
     late.sort(key=lambda one: -one.removes_um)
     return [*first, *(replace(one, why="not_enough") for one in late)]
+
+
+def _weight(act: Act) -> float:
+    """Return by what an act is ordered in µm: what it removes; of an approach from one side, whose part in the error
+    before nobody knows, what its part makes."""
+    return act.remains_um if act.kind == "approach" else act.removes_um
 
 
 def _approaches(found: Diagnosis) -> list[Act]:
@@ -110,14 +116,15 @@ def _repairs(found: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act
     others."""
     served = [(k, one) for k, part in enumerate(found.budget) for one in _by_hand(found, part)]
     acts = [_repair(found, judged, k, one, ()) for k, one in served]
-    first = [act for act in acts if act.removes_um > 0 or act.why != "fault"]
-    if not first:
-        return acts, []
-    done, following = [act.effect for act in first if act.effect], []
+    done = [act.effect for act in acts if act.removes_um > 0 and act.effect is not None]
+    first, following = list(acts), []
     for (k, one), act in zip(served, acts, strict=True):
-        if act not in first:
-            following.append(_repair(found, judged, k, one, done))
-            done.append(one.effect)
+        if done and act.removes_um <= 0 and one.stands:
+            after = _repair(found, judged, k, one, done)
+            if after.removes:
+                first.remove(act)
+                following.append(after)
+                done.append(one.effect)
     return first, following
 
 
