@@ -95,7 +95,9 @@ def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int,
     own = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
     low, high = (float(np.radians(limit)) for limit in axis.limits_deg)
     friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
-    ElementTree.SubElement(body, "joint", name=axis.name, **own, limited="true", range=_numbers([low, high]), **friction)
+    ElementTree.SubElement(
+        body, "joint", name=axis.name, **own, limited="true", range=_numbers([low, high]), **friction
+    )
     if width_deg := traits.play_deg.get(number):
         half = float(np.radians(width_deg)) / 2.0
         ElementTree.SubElement(

@@ -1,4 +1,4 @@
-"""An arm as a macro of xacro, by which a description of one's own includes it under a prefix and on a parent of its own.
+"""An arm as a macro of xacro, by which another description includes it under a prefix and on a parent of its own.
 
 The macro is the URDF of `urdf_text` without its world: an empty description that includes and calls it has the same
 joints as that URDF.

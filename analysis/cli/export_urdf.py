@@ -28,9 +28,10 @@ def export_urdf(
         Reader,
         typer.Option(
             "--for",
-            help="Who reads the file: urdf is any program that reads URDF, xacro a macro for a description of your own, "
-            "mjcf MuJoCo, with the play and the compliance of each joint; ur-driver the ROS driver of Universal Robots, "
-            "which takes a calibration.yaml, franka and xarm the descriptions of these makers, a kinematics.yaml.",
+            help="Who reads the file: urdf is any program that reads URDF, xacro a description of your own, which "
+            "includes a macro, mjcf MuJoCo, with the play and the compliance of each joint; ur-driver the ROS driver "
+            "of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these makers, "
+            "which take a kinematics.yaml.",
         ),
     ] = "urdf",
     calibration_hash: Annotated[

@@ -138,8 +138,12 @@ def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
     arms = [geometric_arm(model_of(rig)) for rig in (one, other)]
     found = []
     for axis in range(arms[0].axes):
-        differences = {name: float(getattr(arms[1], key)[axis] - getattr(arms[0], key)[axis]) for name, key in _CONSTANTS}
-        found.append({name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()})
+        differences = {
+            name: float(getattr(arms[1], key)[axis] - getattr(arms[0], key)[axis]) for name, key in _CONSTANTS
+        }
+        found.append(
+            {name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()}
+        )
     return tuple(found)
 
 

@@ -139,7 +139,11 @@ class CalibratedArm:
             raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
         R = poses[:, :3, :3]
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
-        if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0:
+        if (
+            off > _ORTHONORMAL
+            or (np.linalg.det(R) < 0).any()
+            or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0
+        ):
             what = "holds a frame whose columns are not at right angles, right-handed and of length 1"
             raise FileError("T", what, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
         return poses

@@ -21,7 +21,8 @@ def as_tables(apart: ArmsApart) -> RenderableType:
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"
     head = (
         f"The tool of {other} is {seen['rms_mm']:.3f} mm rms from that of {one} at the same joint angles, at most "
-        f"{seen['max_mm']:.3f} mm{u}. With frame and tool taught on each arm {seen['taught_rms_mm']:.3f} mm rms are left."
+        f"{seen['max_mm']:.3f} mm{u}. With frame and tool taught on each arm, {seen['taught_rms_mm']:.3f} mm rms "
+        "are left."
     )
     worst = int(np.argmax(apart.distance_mm))
     place = ", ".join(f"{angle:.0f}" for angle in apart.q_deg[worst])

@@ -57,7 +57,7 @@ def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Pa
     assert found.covered.tolist() == [False, False]
     without_play = calibrated_arm(rig.model_copy(update={"effects": ()})).forward(q_deg)
     play = calibrated_arm(rig.model_copy(update={"effects": (Backlash(axis=1, width_deg=0.2),)})).forward(q_deg)
-    assert (0 < without_play.u_mm).all()
+    assert (without_play.u_mm > 0).all()
     assert (without_play.u_mm < found.u_mm).all()
     assert (found.u_mm < play.u_mm).all()
 
@@ -65,7 +65,7 @@ def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Pa
 def test_what_is_no_frame_and_no_posture_is_refused() -> None:
     arm = calibrated_arm("ur10e")
     for T in (np.zeros((1, 4, 4)), np.diag([1.0, 1, -1, 1])[None], np.eye(3)[None], np.full((1, 4, 4), np.nan)):
-        with pytest.raises(FileError, match="^T: "):
+        with pytest.raises(FileError, match=r"^T: "):
             arm.inverse(T)
     for q_deg in (np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.inf)):
         with pytest.raises(FileError, match="q_deg"):
