@@ -94,7 +94,7 @@ def corrected_angles(
     left |= {one.place: one for one in [*_beyond_limits(model.arm, q), *_beyond_rail(rig, q)] if one.place not in left}
     done = np.array([k not in left for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
-    angles[done], reached[done] = _moved(model, q[done])
+    angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
     left |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
     left |= {one.place: one for one in _beyond_limits(model.arm, angles) if reached[one.place]}
     done = np.array([k not in left for k in range(len(q))], dtype=bool)
@@ -148,10 +148,9 @@ def _stated(
     )
 
 
-def _moved(model: Model, q: Array) -> tuple[Array, Mask]:
-    """Return the angles (n, 6) rad at which the tool of a model stands where the nominal arm's does at q (n, 6) rad,
-    and for which (n,) there are any."""
-    wanted = forward(model.arm, q)
+def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
+    """Return the angles (n, 6) rad, from q (n, 6) rad on, at which the tool of a model stands at poses `wanted`
+    (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q."""
     command, angles, there = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
     rows = np.arange(len(q))
     for _ in range(_ROUNDS):
