@@ -253,9 +253,9 @@ class KUKARSI(_Feedback):
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        known = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
-        if unknown := [name for name in condition if name not in known]:
-            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(known)}")
+        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        if unknown := [name for name in condition if name not in parts]:
+            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(parts)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
             raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
         return condition
