@@ -37,7 +37,7 @@ from analysis.kinematics.arm import Array
 _NUMBER = re.compile(NUMBER)
 _WORD = re.compile(r"[A-Za-z]\w*")
 _CALL = re.compile(r"(?<![\w\\])([A-Za-z]\w*)\s*\(")
-_WOBJ = re.compile(r"\\\s*WObj\s*:=\s*([\w.]+)", re.IGNORECASE)
+_WOBJ = re.compile(r"\\\s*WObj\s*(?P<given>:=|\?)\s*(?P<name>[^\\,;]+)", re.IGNORECASE)
 _TRACKED = re.compile(r"\\\s*(?:Corr|Track)\b", re.IGNORECASE)
 _ASSIGNED = re.compile(
     r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
@@ -438,20 +438,28 @@ def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) ->
         return
     tool = text[slice(*places[count + 2 if _TOOL_THIRD.fullmatch(found["name"]) else -1])].partition("\\")[0].strip()
     wobj = _WOBJ.search(text, found.start("rest"), found.end("rest"))
-    frame = wobj[1] if wobj else "wobj0"
+    frame = wobj["name"].strip() if wobj else "wobj0"
     way = "joint" if kind in ("J", "ABSJ") else "line"
     tracked = _TRACKED.search(text, found.start("rest"), found.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
         needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
-        tool_now, frame_now = (
-            reader.shadowed.get(part) or Ref(part) for part in (f"tool {tool.lower()}", f"frame {frame.lower()}")
-        )
+        tool_now, frame_now = (_data(reader, at, kind, name) for kind, name in (("tool", tool), ("frame", frame)))
+        if wobj and wobj["given"] == "?":
+            frame_now = reader.why(at, f"{frame} is what a routine may be given")
         state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", found["name"])
     if found["name"].lower().endswith("sync"):
         reader.blocks.add(Forget(reader.why(at, f"{found['name']} runs a procedure that a text names")))
+
+
+def _data(reader: Reader, at: int, kind: str, name: str) -> Unknown | Ref:
+    """Return the tool or work object of a move; parts of records and elements of arrays are not followed."""
+    if not _WORD.fullmatch(name):
+        return reader.why(at, f"{name} is a part of other data")
+    part = f"{kind} {name.lower()}"
+    return reader.shadowed.get(part) or Ref(part)
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
