@@ -41,7 +41,7 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
         package = offer.dist.name if offer.dist else offer.value
         try:
             if offer.name in taken or offer.name in found:
-                raise ImportError("another has this name")  # noqa: TRY301 - one way out for all reasons
+                raise ImportError("another has this name")
             found[offer.name] = _checked(offer, group, base)
         except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
             BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"
