@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
+from rigs.plugins import extended
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
 from rigs.schema.part import Part
+from rigs.schema.probe import Probe
 from rigs.schema.serial_gauges import (
     CDIIQ,
     HeidenhainND281B,
@@ -49,6 +51,8 @@ Gauge = Annotated[
     | SolartronOrbit,
     Field(discriminator="interface"),
 ]
+if not TYPE_CHECKING:
+    Gauge = extended(Gauge, "rig.gauges", Probe)
 
 
 class Gauges(Part):

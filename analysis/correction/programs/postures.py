@@ -40,8 +40,7 @@ def solved(
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
     `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad the angles of joint
-    targets, each
-    nan where the target is of the other kind.
+    targets, each nan where the target is of the other kind.
     """
     q = joint_angles.copy()
     reasons: dict[int, Reason] = {}
