@@ -27,10 +27,11 @@ from rigs.schema.effect import size_field as size_field
 
 def _class_in(name: str) -> type[Effect]:
     """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
-    members = vars(importlib.import_module(f"{__name__}.{name}")).values()
+    members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
-        if isinstance(member, type) and issubclass(member, Effect) and member.model_fields["effect"].default == name:
-            return _whole(f"rigs/effects/{name}.py", member)
+        is_effect = isinstance(member, type) and issubclass(member, Effect)
+        if is_effect and member.model_fields["effect"].default == name:
+            return _whole(f"rigs/effects/{name}.py", member)  # type: ignore[type-abstract]
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
 
