@@ -354,8 +354,11 @@ class SimulatedBlock:
 
     def _joints(self, early: tuple[Effect, ...]) -> Scene:
         """Return the scene before joints have errors, given the effects of earlier stages."""
-        model, path = replace(self.block.model, effects=early), self.block.one.path
-        return recent(self._scenes, early, lambda: driven(model, path), _SCENES)
+
+        def compute() -> Scene:
+            return driven(replace(self.block.model, effects=early), self.block.one.path)
+
+        return recent(self._scenes, early, compute, _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
         """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
@@ -424,18 +427,24 @@ class SimulatedBlock:
 
     def _added_by(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the readings, (m, k, p) mm."""
-        early, added = _early((*self.block.model.effects, *self.known)), np.zeros((*self.base.shape, len(effects)))
-        for k, effect in enumerate(effects):
+        early = _early((*self.block.model.effects, *self.known))
+        added = np.zeros((len(effects), *self.base.shape))
+        for change, effect in zip(added, effects, strict=True):
             if effect.STAGE == "joint":
                 error = self._error(early, effect)
                 for axis in _turned_axes(error):
-                    added[:, :, k] += self.slopes[:, :, axis] * self.at_readings(error[:, axis])[:, None]
+                    change += self._slopes_of_axes[axis] * self.at_readings(error[:, axis])[:, None]
             else:
                 times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
                 beside = (*self.known, scaled(effect, 1 / times))
                 scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
-                added[:, :, k] = times * (self.read(beside, scene, self.setup) - self.base)
-        return added
+                change += times * (self.read(beside, scene, self.setup) - self.base)
+        return np.moveaxis(added, 0, 2)
+
+    @cached_property
+    def _slopes_of_axes(self) -> Array:
+        """The derivatives (axes, m, k) by each joint, those of one joint side by side in memory."""
+        return np.ascontiguousarray(np.moveaxis(self.slopes, 2, 0))
 
 
 @dataclass(frozen=True, eq=False)
