@@ -61,22 +61,14 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
     candidates = []
     for forms in places:
         for form in forms:
-            sizes = _widths(float(next(sigmas))) if is_play(form) else [min(1.0, form.STRAIGHT)]
-            candidates += [_candidate(form, size) for size in sizes]
+            sizes = [min(1.0, form.STRAIGHT)]
+            if is_play(form):  # its response depends on its width
+                sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
+            tried = [{free.field: free.tried} for free in form.FREE if free.tried is not None]
+            for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
+                shaped = tuple(whole.model_copy(update=shape) for shape in tried)
+                candidates.append(Candidate(name_of(form), phases(whole), shaped, size))
     return candidates
-
-
-def _candidate(form: Effect, size: float) -> Candidate:
-    """Return the candidate of a form at `size` of its healthy size."""
-    whole = scaled(healthy(form), size)
-    shaped = tuple(whole.model_copy(update={free.field: free.tried}) for free in form.FREE if free.tried is not None)
-    return Candidate(name_of(form), phases(whole), shaped, size)
-
-
-def _widths(sigma: float) -> list[float]:
-    """Return the widths of a play to try, in healthy widths, given the sigmas of a healthy one. The response to a play
-    depends on its width."""
-    return sorted({min(1.0, _PLAY_SIGMA / max(sigma, 1e-9)), *_PLAYS})
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
@@ -126,7 +118,8 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
     parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
     parts += [_stick_columns(linear, *departures.stick)] if departures.stick else []
-    parts += [_fading_columns(linear, effect)] if departures.fades else []
+    # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
+    parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
     parts += [_late_columns(linear, effect)] if effect.STAGE == "joint" else []
     return np.concatenate(parts, axis=1)
 
@@ -230,12 +223,6 @@ def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
     columns = np.zeros((len(off), len(targets)))
     columns[targets, np.arange(len(targets))] = off[targets]
     return columns
-
-
-def _fading_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return a column (N,) for each block of targets, as (N, t): what is left there of an effect that fades while the
-    robot stands may be anything between nothing and twice as much."""
-    return _apart(linear, linear.columns([effect]), sampling=False)
 
 
 def _late_columns(linear: Linearisation, effect: Effect) -> Array:
@@ -521,17 +508,11 @@ def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among = Counter(candidate.name for candidate in every)
-    ends = np.cumsum([len(candidate.effects) for candidate in every]).tolist()
+    among = Counter(form.name for form in every)
+    ends = np.cumsum([len(form.effects) for form in every]).tolist()
     return tuple(
-        Form(
-            candidate.name,
-            candidate.effects,
-            candidate.size,
-            tuple(range(end - len(candidate.effects), end)),
-            among[candidate.name],
-        )
-        for candidate, end in zip(every, ends, strict=True)
+        Form(form.name, form.effects, form.size, tuple(range(end - len(form.effects), end)), among[form.name])
+        for form, end in zip(every, ends, strict=True)
     )
 
 
