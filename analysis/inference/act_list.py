@@ -89,14 +89,20 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
     enough: its repair stands behind its correction."""
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
-    first = sorted((act for act in acts if act not in late), key=_weight, reverse=True)
     late.sort(key=lambda act: -act.removes_um)
-    return [*first, *(replace(act, why="not_enough") for act in late)]
+    ordered: list[Act] = []
+    for act in sorted((act for act in acts if act not in late), key=_weight, reverse=True):
+        ordered.append(act)
+        served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
+        behind = [repair for repair in late if {*repair.parts} <= served]
+        ordered += [replace(repair, why="not_enough") for repair in behind]
+        late = [repair for repair in late if repair not in behind]
+    return ordered
 
 
 def _weight(act: Act) -> float:
-    """Return by what an act is ordered in µm: what it removes; of an approach from one side, whose part in the error
-    before nobody knows, what its part makes."""
+    """Return what orders an act, in µm: what it removes, and for an approach from one side, whose gain is unknown
+    beforehand, what its part makes."""
     return act.remains_um if act.kind == "approach" else act.removes_um
 
 

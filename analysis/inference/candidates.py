@@ -214,9 +214,7 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
 
 
 def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
-    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached
-    the target.
-    """
+    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached it."""
     read = [not block.sampling and gauge == "g1" for block in linear.blocks]
     off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in zip(read, linear.blocks, strict=True)])
     targets = np.flatnonzero(off)
@@ -440,8 +438,8 @@ class Columns:
         return variance
 
     def usual_variance(self, level: float) -> Array:
-        """Return the largest variance (p,) that is usual of the coefficients at a level: that of a healthy arm for the
-        constants that have widths of their own, and no limit for all others.
+        """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:
+        that of a healthy arm for the constants that have widths of their own, and no limit for all others.
 
         A width that has only one large constant to go by is as large as that, and would make any fault usual.
         """
