@@ -62,21 +62,21 @@ def _runs(folders: Iterable[tuple[Steps, tuple[RemoteFile, ...] | None]]) -> Ite
     for steps, files in folders:
         if run is not None and steps[: len(run)] == run:
             continue
-        if files is None or is_run(one.name for one in files):
+        if files is None or is_run(file.name for file in files):
             run = steps
             yield steps, files
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
     """The directories below another, that itself first, by the names of all objects."""
-    found: dict[Steps, list[RemoteFile]] = {}
+    folders: dict[Steps, list[RemoteFile]] = {}
     store.invalidate_cache(folder)
     for name, info in store.find(folder, detail=True).items():
         *steps, file = name_below(folder, name).split("/")
         if info["type"] == "file" and all(map(is_plain, [*steps, file])) and not any(s.startswith(".") for s in steps):
-            found.setdefault(tuple(steps), []).append(remote_file(file, info))
-    for key, files in sorted(found.items()):
-        yield key, tuple(sorted(files, key=lambda one: one.name))
+            folders.setdefault(tuple(steps), []).append(remote_file(file, info))
+    for key, files in sorted(folders.items()):
+        yield key, tuple(sorted(files, key=lambda file: file.name))
 
 
 def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:

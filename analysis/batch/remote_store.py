@@ -96,7 +96,7 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
         with suppress(FileNotFoundError):  # a link that leads nowhere
             info = listed if listed["type"] == "file" and listed.get("size") is not None else store.info(listed["name"])
             files += [remote_file(name, info)] if info["type"] == "file" else []
-    return sorted(files, key=lambda one: one.name), sorted(folders)
+    return sorted(files, key=lambda file: file.name), sorted(folders)
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
@@ -120,16 +120,16 @@ def is_plain(name: str) -> bool:
 def _explanation(where: RemotePath, error: Exception) -> RigError:
     kinds = {kind.__name__ for kind in type(error).__mro__}
     number = getattr(error, "errno", None)
-    said = _said(error)
+    message = _said(error)
     cases: tuple[tuple[bool, type[RigError], str, str], ...] = (
         (
             isinstance(error, ImportError),
             FileError,
-            f"needs a package that is not installed: {said}",
+            f"needs a package that is not installed: {message}",
             to_install(_PACKAGES[where.protocol]) if where.protocol in _PACKAGES else "install it beside rig",
         ),
         (
-            isinstance(error, ValueError) and "Protocol not known" in said,
+            isinstance(error, ValueError) and "Protocol not known" in message,
             FileError,
             "is of a protocol that fsspec does not know",
             "give s3://…, sftp://… or a directory",
@@ -143,7 +143,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             bool(kinds & _DENIED),
             FileError,
-            f"may not be read: {said}",
+            f"may not be read: {message}",
             "check the credentials, and the right to list and read",
         ),
         (
@@ -161,13 +161,13 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             bool(kinds & _LOST) or (type(error) is OSError and number in _UNREACHABLE),
             StoreLost,
-            f"the store does not answer: {said}",
+            f"the store does not answer: {message}",
             "check the network and the store, then give this command again",
         ),
-        (True, FileError, f"cannot be read: {said}", "check the URL, the store and the settings of fsspec"),
+        (True, FileError, f"cannot be read: {message}", "check the URL, the store and the settings of fsspec"),
     )
-    _, kind, what, remedy = next(case for case in cases if case[0])
-    return kind(str(where), what, remedy)
+    _, kind, problem, remedy = next(case for case in cases if case[0])
+    return kind(str(where), problem, remedy)
 
 
 def _said(error: Exception) -> str:

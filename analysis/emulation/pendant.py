@@ -61,9 +61,9 @@ class Pendant:
             _, corrections = read_yaml(read_text(path, _MOST_BYTES), str(path))
         except OSError as error:
             raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-        known = corrections.get("controller") if isinstance(corrections, dict) else None
-        name = known.get("name") if isinstance(known, dict) else None
-        before = self._of(next((one for one in MAKERS if one == name), None), str(path))
+        section = corrections.get("controller") if isinstance(corrections, dict) else None
+        name = section.get("name") if isinstance(section, dict) else None
+        before = self._of(next((candidate for candidate in MAKERS if candidate == name), None), str(path))
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
@@ -74,8 +74,8 @@ class Pendant:
         if self._maker is None:
             raise FileError(where, "does not say for which controller it is", "give --for")
         if maker and maker != self._maker:
-            what = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
-            raise FileError(where, what, f"write it for {self._maker}, or start with --for {maker}")
+            problem = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
+            raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _driven(self, files: ProgramFiles, controller: Controller, test: DrivenTest) -> Driven:
@@ -96,18 +96,18 @@ class Pendant:
         on, signals = dict[int | str, bool](), []
         for t_s, output, state in driven.outputs:
             on[output] = state
-            signals.append((t_s, float(sum(on.get(one, False) << bit for bit, one in enumerate(order)))))
+            signals.append((t_s, float(sum(on.get(output, False) << bit for bit, output in enumerate(order)))))
         return tuple(signals)
 
 
 def _test_of(path: Path) -> DrivenTest:
     """The test for which a person has mounted the gauges, by the name of the program's file."""
     words = re.split(r"[^a-z]+", path.stem.lower())
-    found = [test for test in _TESTS if test in words]
-    if len(found) != 1:
-        what = f"names {' and '.join(found) or 'none'} of the tests, so it is unknown how the gauges are mounted"
-        raise FileError(str(path), what, f"put one of the words {', '.join(_TESTS)} into its name")
-    return found[0]
+    tests = [test for test in _TESTS if test in words]
+    if len(tests) != 1:
+        problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
+        raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
+    return tests[0]
 
 
 def _pose_of(rig: Rig) -> Pose:

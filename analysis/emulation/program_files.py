@@ -40,7 +40,15 @@ class ProgramFiles:
 def find_program(directory: Path, name: str) -> ProgramFiles:
     """Return a program by the name of its file, with or without suffix, by the name that `rig program` prints, or by a
     path. Raises FileError where there is none, several, or one that cannot be read."""
-    return _read(_found(directory, name.strip()))
+    path = _path_of(directory, name.strip())
+    maker = _MAKERS[path.suffix.lower()]
+    texts = {path.name: _text(path)}
+    if maker == "kuka":
+        data_files = [path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
+        texts |= {data.name: _text(data) for data in data_files[:1] if data.exists()} or {
+            data.name: _text(data) for data in data_files[1:] if data.exists()
+        }
+    return ProgramFiles(path, maker, texts)
 
 
 def interpret(maker: Maker, texts: Mapping[str, str], machine: Machine) -> None:
@@ -64,31 +72,35 @@ def interpret(maker: Maker, texts: Mapping[str, str], machine: Machine) -> None:
 
 
 def _data_list(texts: Mapping[str, str]) -> str:
-    found = [text for name, text in texts.items() if name.lower().endswith(".dat")]
-    if not found:
+    data_lists = [text for name, text in texts.items() if name.lower().endswith(".dat")]
+    if not data_lists:
         raise ProgramError("its data list, the .dat beside it, is missing")
-    return found[0]
+    return data_lists[0]
 
 
-def _found(directory: Path, name: str) -> Path:
-    given = Path(name)
-    if given.parent != Path() and given.suffix.lower() in _MAKERS:
-        return given
+def _path_of(directory: Path, name: str) -> Path:
+    named = Path(name)
+    if named.parent != Path() and named.suffix.lower() in _MAKERS:
+        return named
     try:
         files = sorted(path for path in directory.iterdir() if path.suffix.lower() in _MAKERS)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
-    wanted = _plain(given.stem if given.suffix.lower() in _MAKERS else name)
-    found = [path for path in files if path.name == name] or [path for path in files if wanted in _names(path)]
+    plain_name = _plain(named.stem if named.suffix.lower() in _MAKERS else name)
+    matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
     # A controller's longest name cuts that of the program.
-    found = found or [path for path in files if any(_cut(wanted, one) for one in _names(path))]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise FileError(repr(name), f"is {' and '.join(path.name for path in found)}", "give the name of the file")
-    there = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
-    what = f"is none of the programs in {directory}"
-    raise FileError(repr(name), what, f"give one of {there}" if files else "write programs there with rig program")
+    matching = matching or [
+        path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
+    ]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        raise FileError(repr(name), f"is {' and '.join(path.name for path in matching)}", "give the name of the file")
+    programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
+    problem = f"is none of the programs in {directory}"
+    raise FileError(
+        repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
+    )
 
 
 def _plain(name: str) -> str:
@@ -99,21 +111,6 @@ def _names(path: Path) -> tuple[str, ...]:
     """The names of a program; the module of an ABB has two characters more than its procedure."""
     name = _plain(path.stem)
     return (name, name.removesuffix("_m")) if path.suffix.lower() == ".mod" else (name,)
-
-
-def _cut(wanted: str, name: str) -> bool:
-    return len(name) >= _SHORTEST and wanted.startswith(name)
-
-
-def _read(path: Path) -> ProgramFiles:
-    maker = _MAKERS[path.suffix.lower()]
-    texts = {path.name: _text(path)}
-    if maker == "kuka":
-        beside = [path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
-        texts |= {data.name: _text(data) for data in beside[:1] if data.exists()} or {
-            data.name: _text(data) for data in beside[1:] if data.exists()
-        }
-    return ProgramFiles(path, maker, texts)
 
 
 def _text(path: Path) -> str:

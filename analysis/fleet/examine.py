@@ -27,11 +27,11 @@ def examine(path: Path) -> Examined | None:
     """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run; raises RigError for
     one elsewhere that cannot be fetched."""
     with fetched(path) as directory:
-        found = _examined(directory)
-    if found is None:
+        examined = _examined(directory)
+    if examined is None:
         return None
-    record = replace(found.record, name=path.name, problem=named(found.record.problem, directory, path))
-    return replace(found, record=record)
+    record = replace(examined.record, name=path.name, problem=named(examined.record.problem, directory, path))
+    return replace(examined, record=record)
 
 
 def _examined(path: Path) -> Examined | None:

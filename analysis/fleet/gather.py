@@ -54,29 +54,29 @@ def gather(directory: Path, file: Path, workers: Workers, progress: Progress) ->
 def _gathered(
     directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
-    known = known_of(file, seen, workers, progress, why)
-    digests = _digests(known.runs.values())
+    catalogued = known_of(file, seen, workers, progress, why)
+    digests = _digests(catalogued.runs.values())
     return Fleet(
         directory,
         file,
         tuple(in_order(_judge(file, digests, workers, progress))),
-        tuple((one.run, one.problem) for one in known.runs.values() if not one.key[1]),
-        known.notes,
+        tuple((entry.run, entry.problem) for entry in catalogued.runs.values() if not entry.key[1]),
+        catalogued.notes,
         digests,
-        len(known.runs),
-        known.examined,
-        known.gone,
+        len(catalogued.runs),
+        catalogued.examined,
+        catalogued.gone,
     )
 
 
 def _digests(entries: Iterable[Entry]) -> dict[Key, str]:
     """A digest for each robot of all that its state follows from."""
-    found: dict[Key, hashlib._Hash] = {}
-    for one in entries:
-        if one.key[1]:
-            line = json.dumps([one.run, one.fingerprint, one.problem])
-            found.setdefault(one.key, hashlib.sha256()).update(line.encode())
-    return {key: digest.hexdigest() for key, digest in found.items()}
+    hashes: dict[Key, hashlib._Hash] = {}
+    for entry in entries:
+        if entry.key[1]:
+            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
+            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
+    return {key: digest.hexdigest() for key, digest in hashes.items()}
 
 
 def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: Progress) -> list[State]:
@@ -90,8 +90,8 @@ def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: P
             states[key] = _state(file, text)
     fresh = [key for key in digests if key not in states]
     outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
-    found = (_judged(outcome, digests, states) for outcome in outcomes)
-    kept(found, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
+    judged = (_judged(outcome, digests, states) for outcome in outcomes)
+    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
     return list(states.values())
 
 

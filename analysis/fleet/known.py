@@ -71,28 +71,28 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
 
     Raises Damaged, and StoreLost where a store does not answer any more: what was examined before is kept.
     """
-    known = catalogue.entries(file)
-    fresh = [one for one in seen if not one.signature or _signature(known, one) != one.signature]
-    gone = sorted(known.keys() - {one.run for one in seen})
+    entries = catalogue.entries(file)
+    fresh = [
+        run
+        for run in seen
+        if not run.signature or (entries[run.run].signature if run.run in entries else "") != run.signature
+    ]
+    gone = sorted(entries.keys() - {run.run for run in seen})
     if gone:
         catalogue.forget(file, gone)
     if fresh:
         _examine(file, fresh, workers, progress)
     if fresh or gone:
-        known = catalogue.entries(file)
+        entries = catalogue.entries(file)
     notes = (f"{file} {why}: it was made again from the runs",) if why else ()
-    return Known(known, notes, len(fresh), len(gone))
-
-
-def _signature(known: Mapping[str, Entry], seen: Seen) -> str:
-    return known[seen.run].signature if seen.run in known else ""
+    return Known(entries, notes, len(fresh), len(gone))
 
 
 def _examine(file: Path, fresh: Sequence[Seen], workers: Workers, progress: Progress) -> None:
-    paths = [one.path.absolute() for one in fresh]  # a worker of a cluster has a directory of its own
+    paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
     with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
-        found = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
-        kept(found, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
+        examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
+        kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
@@ -105,13 +105,13 @@ def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
     return outcome.value
 
 
-def kept(found: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
+def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
     """Keep what is found from time to time and at the end, however that comes."""
     piece: list[T] = []
     saved_s = time.monotonic()
     try:
-        for done, one in enumerate(found, 1):
-            piece.append(one)
+        for done, item in enumerate(items, 1):
+            piece.append(item)
             progress(done)
             if time.monotonic() - saved_s > _SAVED_EVERY_S:
                 keep(piece)

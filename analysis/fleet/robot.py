@@ -30,14 +30,14 @@ def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Worke
 def _collected(
     directory: Path, robot: str, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Collected:
-    known = known_of(file, seen, workers, progress, why)
-    keys = sorted({one.key for one in known.runs.values()})
+    catalogued = known_of(file, seen, workers, progress, why)
+    keys = sorted({entry.key for entry in catalogued.runs.values()})
     records: list[Record] = []
     rig_texts: dict[str, str] = {}
     is_known = False
     for folder, rig_name in keys:
-        found, texts = catalogue.records_of(file, (folder, rig_name))
-        for record in found:
+        of_robot, texts = catalogue.records_of(file, (folder, rig_name))
+        for record in of_robot:
             is_mine = bool(rig_name) and is_of(rig_name, texts[record.name], robot)
             if is_mine or not rig_name:  # of no known robot: its manifest cannot be read
                 name = str(Path(folder, record.name))
@@ -46,4 +46,4 @@ def _collected(
                 is_known |= is_mine
     if not is_known:
         raise no_run_of(robot, directory, {name for _, name in keys if name})
-    return collected_of(robot, records, known.notes, rig_texts.__getitem__)
+    return collected_of(robot, records, catalogued.notes, rig_texts.__getitem__)

@@ -48,22 +48,22 @@ def signature_of(run: Path) -> str:
     size. Empty where they cannot be listed."""
     try:
         with os.scandir(run) as entries:
-            files = [(one.name, one.stat()) for one in entries if has_figures(one.name)]
+            files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]
     except OSError:
         return ""
     return _digest((name, status.st_size, str(status.st_mtime_ns)) for name, status in files)
 
 
 def _remote_signature(run: RemoteRun) -> str:
-    files = [one for one in run.files or () if has_figures(one.name)]
-    if not files or not all(one.stamp for one in files):
+    files = [file for file in run.files or () if has_figures(file.name)]
+    if not files or not all(file.stamp for file in files):
         return ""
-    return _digest((one.name, one.size, one.stamp) for one in files)
+    return _digest((file.name, file.size, file.stamp) for file in files)
 
 
 def _digest(files: Iterable[tuple[str, int, str]]) -> str:
     """A digest of names, sizes and times or other stamps."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, size, stamp in sorted(files):
-        found.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
-    return found.hexdigest()
+        digest.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()

@@ -74,13 +74,13 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     wild = wild_runs(values, u)
     spread = _spread(values[~wild])
     kept = np.flatnonzero(~wild)[-NEWEST:]
-    found = _changes(values[kept], series)
+    candidates = _changes(values[kept], series)
     if spread == 0:
         # Most runs repeat the value before: one that is floored at zero, or read in steps. What is less than a run is
         # known by is no change then: among many zeros a few small values may lie side by side.
         least = float(np.median(u[~wild]))
-        found = [one for one in found if abs(one.after - one.before) > least > 0]
-    changes = [replace(one, first=int(kept[one.first]), last=int(kept[one.last])) for one in found]
+        candidates = [change for change in candidates if abs(change.after - change.before) > least > 0]
+    changes = [replace(change, first=int(kept[change.first]), last=int(kept[change.last])) for change in candidates]
     return Trend(tuple(changes), wild, spread)
 
 
@@ -121,9 +121,9 @@ def _changes(values: Array, series: int) -> list[Change]:
     later = _changes(values[best.last :], series)
     # A rise that ends where the runs before the next change end has not reached the last run.
     return [
-        *(replace(one, is_last=False) for one in earlier),
+        *(replace(change, is_last=False) for change in earlier),
         change,
-        *(replace(one, first=one.first + best.last, last=one.last + best.last) for one in later),
+        *(replace(change, first=change.first + best.last, last=change.last + best.last) for change in later),
     ]
 
 
@@ -148,8 +148,8 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 def _refined(values: Array, best: _Best) -> _Best:
     """The shape to single runs; its score rises by that, which the chance of a false alarm does not count."""
     first, last = refined(len(values), best.first, best.last)
-    same = (last - first == 1) == (best.last - best.first == 1)
-    first, last = first[same], last[same]
+    is_alike = (last - first == 1) == (best.last - best.first == 1)
+    first, last = first[is_alike], last[is_alike]
     _, scores = _likelihoods(values, best.noise, directions(best.noise, first, last))
     _, before = _likelihoods(values, best.noise, directions(best.noise, np.array([best.first]), np.array([best.last])))
     k = int(np.argmax(scores))
@@ -162,8 +162,8 @@ def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, A
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)
-    left = np.maximum(total - (unit.T @ white) ** 2, 1e-12 * total)
-    scores: Array = -count / 2 * np.log(left) - noise.half_log_det
+    squares = np.maximum(total - (unit.T @ white) ** 2, 1e-12 * total)
+    scores: Array = -count / 2 * np.log(squares) - noise.half_log_det
     return -count / 2 * float(np.log(total)) - noise.half_log_det, scores
 
 
@@ -174,7 +174,7 @@ def _fitted(values: Array, best: _Best, chance: float) -> Change:
     design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
     white = best.noise.rows @ values
     (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
-    left = white - design @ np.array([level, size])
-    variance = float(left @ left) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
+    residuals = white - design @ np.array([level, size])
+    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
     is_last = best.last == count - 1 and best.last - best.first > 1
     return Change(best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), chance, is_last)

@@ -70,19 +70,19 @@ def fitted(
         target = lap - curve(sizes) + by_play @ sizes
         cross = by_play.T @ waves
         information = np.block([[by_play.T @ by_play, cross], [cross.T, squares]]) / noise
-        held = np.concatenate([np.full(plays, 1e-9), 1 / np.repeat(variances, 2)])
-        covariance = np.linalg.inv(information + np.diag(held))
+        prior = np.concatenate([np.full(plays, 1e-9), 1 / np.repeat(variances, 2)])
+        covariance = np.linalg.inv(information + np.diag(prior))
         columns = np.concatenate([by_play, waves], axis=1)
         solution = covariance @ (columns.T @ target) / noise
         step = np.clip(solution[:plays] - sizes, -0.05, 0.05)
         sizes = np.clip(sizes + step, -widest_deg, widest_deg)
-        left = lap - curve(sizes) - waves @ solution[plays:]
+        residuals_mm = lap - curve(sizes) - waves @ solution[plays:]
         of_waves = solution[plays:] ** 2 + np.diag(covariance)[plays:]
-        known = len(solution) - float(held @ np.diag(covariance))
-        noise = max(float(left @ left) * alike / max(len(lap) / alike - known, 1.0) / alike, 1e-18)
+        determined = len(solution) - float(prior @ np.diag(covariance))
+        noise = max(float(residuals_mm @ residuals_mm) * alike / max(len(lap) / alike - determined, 1.0) / alike, 1e-18)
         variances = np.maximum(of_waves.reshape(-1, 2).mean(axis=1), _LEAST_DEG**2)
     solve = (covariance @ columns.T / noise)[:plays]
     penalty = float((solution[plays:] ** 2 / np.repeat(variances, 2)).sum() + np.log(np.repeat(variances, 2)).sum())
-    evidence = len(lap) / alike * np.log(noise) + float(left @ left) / noise + penalty
+    evidence = len(lap) / alike * np.log(noise) + float(residuals_mm @ residuals_mm) / noise + penalty
     misfit = float(evidence - np.linalg.slogdet(covariance)[1])
     return Fitted(sizes, solve, np.sqrt(np.diag(covariance)[:plays]), misfit)

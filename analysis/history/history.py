@@ -56,7 +56,7 @@ class Series:
     @property
     def values(self) -> Array:
         """The figure (n,) in its unit."""
-        return np.array([one.value for one in self.quantities])
+        return np.array([quantity.value for quantity in self.quantities])
 
     @property
     def unit(self) -> str:
@@ -84,8 +84,8 @@ class History:
     @property
     def changed(self) -> list[tuple[Series, Change]]:
         """Every change in order of time; of those at one time the most certain first."""
-        found = [(series, change) for series in self.series for change in series.trend.changes]
-        return sorted(found, key=lambda one: (one[0].runs[one[1].first].when.timestamp(), one[1].chance))
+        changes = [(series, change) for series in self.series for change in series.trend.changes]
+        return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
 
 
 def label_of(figure: str) -> str:
@@ -111,14 +111,16 @@ def history_of(
         raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
     tolerances = collected.limits if limits is None else limits
     picked = [
-        (title, name, own)
+        (title, name, with_figure)
         for title, group in _programs(runs)
         for name in (_wanted(group, tolerances) if figure is None else [figure])
-        if (own := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
+        if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
     series = tuple(
-        Series(title, name, own, _trend(own, name, len(picked)), tolerances.of(own[0].test, name))
-        for title, name, own in picked
+        Series(
+            title, name, with_figure, _trend(with_figure, name, len(picked)), tolerances.of(with_figure[0].test, name)
+        )
+        for title, name, with_figure in picked
     )
     return History(collected, series)
 
@@ -132,14 +134,14 @@ def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
 
 def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
     quantities = [run.figures[figure] for run in runs]
-    u = np.array([one.u for one in quantities])
-    return trend_of(np.array([one.value for one in quantities]), np.nan_to_num(u, posinf=0.0), series)
+    u = np.array([quantity.u for quantity in quantities])
+    return trend_of(np.array([quantity.value for quantity in quantities]), np.nan_to_num(u, posinf=0.0), series)
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:
     """What runs of one kind are called: `yaw acw, placement left, corrected programs`."""
-    more = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
-    return ", ".join([test, *filter(None, more)])
+    qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
+    return ", ".join([test, *filter(None, qualifiers)])
 
 
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
@@ -149,9 +151,9 @@ def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
     for run in runs:
         groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
     driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
-    found = []
+    titled = []
     for (title, placement, program, corrected), group in sorted(groups.items()):
         words = [title_of(title, placement, corrected)]
         words += [f"program {program}"] if driven[title, placement] > 1 else []
-        found.append((", ".join(words), group))
-    return found
+        titled.append((", ".join(words), group))
+    return titled

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.geometry.ball_link import angle
-from analysis.history.gear_waves import Fitted, fitted, waves_of
+from analysis.history.gear_waves import fitted, waves_of
 from analysis.kinematics.arm import Array, Mask
 from analysis.measures.joint_reversals import turns
 from analysis.measures.link_angle import CircleResult
@@ -64,17 +64,17 @@ class _Jumps:
         from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import, needed where a run is read only
 
         curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
-        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, one) for one in curves))
+        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, curve) for curve in curves))
 
     def of(self, sizes_deg: Array) -> Array:
         """The curve (2 NODES,) mm of plays (axes,) in degrees."""
-        curves = [one(size) for one, size in zip(self.by_width, sizes_deg, strict=True)]
+        curves = [spline(size) for spline, size in zip(self.by_width, sizes_deg, strict=True)]
         together: Array = np.sum(curves, axis=0)
         return together
 
     def slopes(self, sizes_deg: Array) -> Array:
         """Its derivatives (2 NODES, axes) in mm for each degree."""
-        return np.stack([one(size, 1) for one, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
+        return np.stack([spline(size, 1) for spline, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
@@ -82,10 +82,10 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
     u holds the noise within the run and what the fit leaves unexplained.
     """
-    found, table = result.found, result.measured.table
-    if not isinstance(found, CircleResult) or not isinstance(table, CircleTable):
+    circle, table = result.found, result.measured.table
+    if not isinstance(circle, CircleResult) or not isinstance(table, CircleTable):
         return {}
-    axes = sorted({turn.axis for turn in turns(found.laps)})
+    axes = sorted({turn.axis for turn in turns(circle.laps)})
     if not axes:
         return {}
     half_mm = result.measured.rig.gauges.baseline_mm / 2
@@ -93,21 +93,27 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
     def rough(curves: Array) -> Array:
         """Curves (..., 2 NODES) mm without what is smooth in them."""
-        left: Array = curves - (curves @ basis) @ basis.T
-        return left
+        rest_mm: Array = curves - (curves @ basis) @ basis.T
+        return rest_mm
 
-    modelled = _Lap.of(found.laps, table, result.measured.rig, half_mm)
+    modelled = _Lap.of(circle.laps, table, result.measured.rig, half_mm)
     wider = rough(np.array([[modelled.play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
     jumps = _Jumps.through(wider)
-    lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
-    errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
+    lap = rough(np.concatenate([circle.curve.y * half_mm, circle.distance.curve.y]))
+    errors = rough(np.concatenate([circle.curve.errors * half_mm, circle.distance.curve.errors], axis=1))
     slopes = np.stack([modelled.offset(axis) for axis in range(1, 7)], axis=1)
     waves = waves_of(slopes, np.tile(modelled.q, (2, 1)))
     waves -= basis @ (basis.T @ waves)
-    best = min((_with_waves(lap, jumps, waves, start) for start in _starts(lap, jumps)), key=lambda one: one.misfit)
+    best = min(
+        (
+            fitted(lap, jumps.of, jumps.slopes, waves, start, float(_WIDTHS_DEG[-1]), len(PHI) / _INDEPENDENT)
+            for start in _starts(lap, jumps)
+        ),
+        key=lambda fit: fit.misfit,
+    )
     u = np.hypot((errors @ best.solve.T).std(axis=0), best.u_deg)
     return {
-        f"play_j{axis}_deg": Quantity(max(size, 0.0), float(u[k]), "deg", found.samples, found.curve.noise.source)
+        f"play_j{axis}_deg": Quantity(max(size, 0.0), float(u[k]), "deg", circle.samples, circle.curve.noise.source)
         for k, (axis, size) in enumerate(zip(axes, best.sizes_deg.tolist(), strict=True))
         if u[k] < _WORST_U_DEG and size > -_BELOW_ZERO * u[k]
     }
@@ -117,21 +123,15 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
     """Sizes (axes,) in degrees to begin with, of a lap (2 NODES,) mm: no play, and the widths that explain most of it
     one after the other, since plays of joints that turn back together look alike."""
     none = np.zeros(len(jumps.curves))
-    start, left = none.copy(), lap
+    start, residual_mm = none.copy(), lap
     for _ in start:
-        gaps = np.where(start[:, None] == 0, ((left - jumps.curves) ** 2).sum(axis=2), np.inf)
+        gaps = np.where(start[:, None] == 0, ((residual_mm - jumps.curves) ** 2).sum(axis=2), np.inf)
         axis, width = np.unravel_index(np.argmin(gaps), gaps.shape)
-        if gaps[axis, width] >= left @ left:
+        if gaps[axis, width] >= residual_mm @ residual_mm:
             break
         start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
-        left = lap - jumps.of(start)
+        residual_mm = lap - jumps.of(start)
     return none, start
-
-
-def _with_waves(lap: Array, jumps: _Jumps, waves: Array, start: Array) -> Fitted:
-    """Plays and gear waves (2 NODES, k) mm of a lap (2 NODES,) mm, from plays of start (axes,) in degrees."""
-    alike = len(PHI) / _INDEPENDENT
-    return fitted(lap, jumps.of, jumps.slopes, waves, start, float(_WIDTHS_DEG[-1]), alike)
 
 
 @dataclass(frozen=True)
@@ -180,6 +180,6 @@ class _Lap:
 def _smooth() -> Array:
     """Low orders (2 NODES, orders), of length 1, of angle and distance, each its own."""
     orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
-    one = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
-    none = np.zeros_like(one)
-    return np.block([[one, none], [none, one]])
+    block = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
+    none = np.zeros_like(block)
+    return np.block([[block, none], [none, block]])

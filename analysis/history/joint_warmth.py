@@ -12,6 +12,6 @@ def joint_warmth(condition: Condition) -> dict[str, Quantity]:
     u is how much the readings vary; makers do not state how true the sensors are.
     """
     shown = condition.warmth or {}
-    means = {f"temperature_j{axis}_c": Quantity(one.mean_c, one.u_mean_c, "c") for axis, one in shown.items()}
-    rises = {f"warming_j{axis}_c": Quantity(one.rise_c, one.u_rise_c, "c") for axis, one in shown.items()}
+    means = {f"temperature_j{axis}_c": Quantity(joint.mean_c, joint.u_mean_c, "c") for axis, joint in shown.items()}
+    rises = {f"warming_j{axis}_c": Quantity(joint.rise_c, joint.u_rise_c, "c") for axis, joint in shown.items()}
     return means | rises

@@ -74,13 +74,13 @@ def fingerprint_of(run: Path) -> str:
 
     Raises OSError or FileError.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name
-        found.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
+        digest.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
     for path in sorted((*run.glob("*.parquet"), *run.glob("*.arrow"))):
-        found.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
-    return found.hexdigest()
+        digest.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:

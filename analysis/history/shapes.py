@@ -35,11 +35,19 @@ class Whitening:
     half_log_det: float
     level: Array
 
+    @classmethod
+    def of(cls, covariance: Array) -> Whitening:
+        """What makes noise of this covariance (n, n) white."""
+        lower = np.linalg.cholesky(covariance)
+        rows = np.linalg.inv(lower)
+        level = rows @ np.ones(len(rows))
+        return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
+
     def without_level(self, values: Array) -> Array:
         """Whitened values (n, m), in any unit, less their least-squares constant."""
         white = self.rows @ values
-        left: Array = white - np.outer(self.level, self.level @ white)
-        return left
+        without: Array = white - np.outer(self.level, self.level @ white)
+        return without
 
 
 @dataclass(frozen=True)
@@ -72,8 +80,8 @@ def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
     if len(near[0]) > _ENDS:  # a long rise: noise hides its ends by more than a run anyway
-        near = [np.unique(np.linspace(one[0], one[-1], _ENDS).round().astype(int)) for one in near]
-    a, b = (one.ravel() for one in np.meshgrid(*near, indexing="ij"))
+        near = [np.unique(np.linspace(ends[0], ends[-1], _ENDS).round().astype(int)) for ends in near]
+    a, b = (grid.ravel() for grid in np.meshgrid(*near, indexing="ij"))
     return _allowed(np.stack([a, b], axis=1)[a < b], count)
 
 
@@ -94,8 +102,8 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
     """Rises with enough runs on either side; those of a long rise count as such."""
     first, last = pairs.T
-    own = (last - first - 1) // 2
-    enough = (first + 1 + own >= FEWEST) & (count - last + own >= FEWEST)
+    within = (last - first - 1) // 2
+    enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
     return first[enough], last[enough]
 
 
@@ -105,11 +113,4 @@ def whitenings(count: int) -> tuple[Whitening, ...]:
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     kinds = [np.eye(count)]
     kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]
-    return tuple(map(_whitening, kinds))
-
-
-def _whitening(covariance: Array) -> Whitening:
-    lower = np.linalg.cholesky(covariance)
-    rows = np.linalg.inv(lower)
-    level = rows @ np.ones(len(rows))
-    return Whitening(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
+    return tuple(map(Whitening.of, kinds))

@@ -60,8 +60,8 @@ def chosen_arm(name: str) -> ChosenArm:
 def _hold_six(robot: Robot, where: str) -> None:
     """Raises FileError for an arm that cannot drive the circles of a ball link."""
     if (axes := len(robot.axes)) > FEWEST_AXES:
-        what = f"has {axes} axes, and the ball link's programs are of six"
-        raise FileError(where, what, "write a rig file of its robot section and tests.touch alone (docs/any-arm.md)")
+        problem = f"has {axes} axes, and the ball link's programs are of six"
+        raise FileError(where, problem, "write a rig file of its robot section and tests.touch alone (docs/any-arm.md)")
 
 
 def _of_library(name: str) -> ChosenArm:

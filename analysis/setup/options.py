@@ -39,14 +39,14 @@ class Options:
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the keys of a rig file, given as `g1.range_mm=10`, by section. Raises UseError."""
-    found: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
+    keys: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
     for text in texts:
         place, equals, value = text.partition("=")
         section, _, key = place.partition(".")
-        if not equals or section not in found or not key:
+        if not equals or section not in keys or not key:
             raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", "write it as --key g1.range_mm=10")
-        found[section][key] = written(value, f"--key {text}")
-    return found
+        keys[section][key] = written(value, f"--key {text}")
+    return keys
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
@@ -82,10 +82,10 @@ def key_error(error: ValidationError, section: str) -> FileError:
     """Return the first mistake in the keys of a section, and the option that corrects it."""
     first = error.errors(include_url=False)[0]
     key = next((str(step) for step in reversed(first["loc"]) if isinstance(step, str)), "interface")
-    what = first["msg"].removeprefix("Value error, ")
+    problem = first["msg"].removeprefix("Value error, ")
     if section.startswith("--"):
-        return FileError(section, what, "see rig init --help")
-    return FileError(f"{section}.{key}", what, f"give --key {section}.{key}=…; rig interfaces lists the keys")
+        return FileError(section, problem, "see rig init --help")
+    return FileError(f"{section}.{key}", problem, f"give --key {section}.{key}=…; rig interfaces lists the keys")
 
 
 def written(text: str, where: str) -> Any:

@@ -35,8 +35,12 @@ Robot"""
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Find the robot and read its joints, until a person agrees with them."""
-    same = options.robot in (None, answers.robot_address)
-    if answers.feedback is not None and same and has_keys(Feedback, answers.feedback, options.keys["feedback"]):
+    is_same_robot = options.robot in (None, answers.robot_address)
+    if (
+        answers.feedback is not None
+        and is_same_robot
+        and has_keys(Feedback, answers.feedback, options.keys["feedback"])
+    ):
         return answers
     read = partial(_reported, options, dialogue)
     report = read(options.robot) if options.robot is not None else dialogue.ask(_ADDRESS, "--robot", read)
@@ -99,8 +103,8 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
     )
     question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
-    given = options.arm or answers.arm
-    name = read(given) if given else dialogue.ask(question, "--arm", read)
+    arm_given = options.arm or answers.arm
+    name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
 
 
@@ -114,8 +118,10 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
     tool = _pose(options.tool) if options.tool else answers.tool
     if tool is None:
-        own = chosen_arm(answers.arm or "").robot.tool
-        usual = None if own == Pose() else ",".join(f"{value:g}" for value in (*own.xyz_mm, *own.rpy_deg))
+        arm_tool = chosen_arm(answers.arm or "").robot.tool
+        usual = (
+            None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
+        )
         question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
         tool = dialogue.ask(question, "--tool", _pose, usual)
     return answers.model_copy(update={"tool": tool})

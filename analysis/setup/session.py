@@ -41,8 +41,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     try:
         durable.replace(path, text.encode())  # a power cut leaves no half of it
     except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), what, "free some space; the same command goes on here") from None
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), problem, "free some space; the same command goes on here") from None
     forget_answers(path)
 
 
