@@ -27,7 +27,7 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
 
 def _runs_of(path: Path) -> list[Path]:
     if isinstance(path, RemotePath):
-        from analysis.batch.remote_runs import remote_runs  # noqa: PLC0415 - not for a directory
+        from analysis.batch.remote_store import remote_runs  # noqa: PLC0415 - not for a directory
 
         with suppress(FileError):
             return [run.path for run in remote_runs(path)]

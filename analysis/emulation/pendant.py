@@ -2,32 +2,141 @@
 
 The controller commands joint angles by its own model of the arm; the arm with its hidden effects goes where it really
 goes, and the gauges read the true ball distance there.
+
+A program is found by its name, its language is known by the suffix of its file, and a machine runs it.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation import fanuc_tp, inform, krl, rapid, urscript
 from analysis.emulation.controller import Controller
 from analysis.emulation.driving import Driven, drive
 from analysis.emulation.machine import Machine, Pose, ProgramError
-from analysis.emulation.program_files import ProgramFiles, find_program, interpret
 from analysis.kinematics.arm import Array, arm_of
 from analysis.simulation.emulated_robot import Trace, trace_along
 from rigs.errors import FileError
-from rigs.files import read_text
+from rigs.files import read_bytes, read_text
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.vocabulary import CIRCLES, MAKERS, DrivenTest, Maker, maker_of
 from rigs.yaml_text import read_yaml
 
+_MAKERS: dict[str, Maker] = {
+    ".script": "ur",
+    ".urscript": "ur",
+    ".ls": "fanuc",
+    ".src": "kuka",
+    ".mod": "abb",
+    ".jbi": "yaskawa",
+}
+"""The makers by the suffix of the file that has the motion."""
 _MOST_BYTES = 10_000_000
-"""Corrections of a path of a hundred thousand targets are below it."""
+"""A program with a hundred thousand targets is below it; controllers hold less."""
+_SHORTEST = 8
+"""A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
+
+
+@dataclass(frozen=True)
+class ProgramFiles:
+    """A program: the file with its motion, the controller's maker, and the texts of its files by name."""
+
+    path: Path
+    maker: Maker
+    texts: Mapping[str, str]
+
+
+def find_program(directory: Path, name: str) -> ProgramFiles:
+    """Return a program by the name of its file, with or without suffix, by the name that `rig program` prints, or by a
+    path. Raises FileError where there is none, several, or one that cannot be read."""
+    path = _path_of(directory, name.strip())
+    maker = _MAKERS[path.suffix.lower()]
+    texts = {path.name: _text(path)}
+    if maker == "kuka":
+        data_files = [path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
+        texts |= {data.name: _text(data) for data in data_files[:1] if data.exists()} or {
+            data.name: _text(data) for data in data_files[1:] if data.exists()
+        }
+    return ProgramFiles(path, maker, texts)
+
+
+def interpret(maker: Maker, texts: Mapping[str, str], machine: Machine) -> None:
+    """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
+    refused."""
+    name = next(name for name in texts if Path(name).suffix.lower() in _MAKERS)
+    try:
+        match maker:
+            case "ur":
+                urscript.run(texts[name], machine)
+            case "fanuc":
+                fanuc_tp.run(texts[name], machine)
+            case "kuka":
+                krl.run(texts[name], _data_list(texts), machine)
+            case "abb":
+                rapid.run(texts[name], machine)
+            case "yaskawa":
+                inform.run(texts[name], machine)
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise ProgramError(f"it is not understood ({type(error).__name__}: {error})") from error
+
+
+def _data_list(texts: Mapping[str, str]) -> str:
+    data_lists = [text for name, text in texts.items() if name.lower().endswith(".dat")]
+    if not data_lists:
+        raise ProgramError("its data list, the .dat beside it, is missing")
+    return data_lists[0]
+
+
+def _path_of(directory: Path, name: str) -> Path:
+    named = Path(name)
+    if named.parent != Path() and named.suffix.lower() in _MAKERS:
+        return named
+    try:
+        files = sorted(path for path in directory.iterdir() if path.suffix.lower() in _MAKERS)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
+    plain_name = _plain(named.stem if named.suffix.lower() in _MAKERS else name)
+    matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
+    # A controller's longest name cuts that of the program.
+    matching = matching or [
+        path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
+    ]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        raise FileError(repr(name), f"is {' and '.join(path.name for path in matching)}", "give the name of the file")
+    programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
+    problem = f"is none of the programs in {directory}"
+    raise FileError(
+        repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _names(path: Path) -> tuple[str, ...]:
+    """The names of a program; the module of an ABB has two characters more than its procedure."""
+    name = _plain(path.stem)
+    return (name, name.removesuffix("_m")) if path.suffix.lower() == ".mod" else (name,)
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bytes(path, _MOST_BYTES).decode("latin-1")
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+
+
 _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 

@@ -17,8 +17,7 @@ from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
-from analysis.fleet.examine import Examined
-from analysis.fleet.seen import Seen
+from analysis.fleet.seen import Examined, Seen
 from analysis.history import history_file
 from analysis.history.records import Record
 from analysis.measures.quantity import Quantity

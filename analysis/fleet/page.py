@@ -12,8 +12,7 @@ from urllib.parse import quote
 from analysis.batch.each import each
 from analysis.batch.outcomes import Failed
 from analysis.fleet.catalogue import Damaged, Key
-from analysis.fleet.gather import Fleet, collected_in
-from analysis.fleet.known import Progress
+from analysis.fleet.gather import Fleet, Progress, collected_in
 from analysis.fleet.screen import WORDS, doubts_of, names_of, origin, reading, simulated_share, summary
 from analysis.fleet.state import Attention, State
 from analysis.history.collect import Workers

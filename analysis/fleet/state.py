@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 from analysis.history.changes import Change
 from analysis.history.collect import Collected
-from analysis.history.history import Series, history_of
-from analysis.history.limits import judge
+from analysis.history.history import Series, history_of, judge
 from analysis.history.words import against_limit, dates
 from analysis.measures.quantity import Quantity
 from rigs.schema.limits import Standing

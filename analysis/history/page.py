@@ -12,8 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-from analysis.history.history import History, Series
-from analysis.history.limits import judge
+from analysis.history.history import History, Series, judge
 from analysis.history.records import Record
 from analysis.history.words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
 from analysis.reporting.html_page import environment, write_html

@@ -13,8 +13,7 @@ from rich.text import Text
 
 from analysis.frames import for_json, table_of_rows
 from analysis.history.before_after import Difference, headlines
-from analysis.history.history import History, Series, label_of
-from analysis.history.limits import judge
+from analysis.history.history import History, Series, judge, label_of
 from analysis.history.words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity

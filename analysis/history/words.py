@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import date
 
-from analysis.history.changes import FALSE_ALARMS, NEWEST, Change
-from analysis.history.history import History, Series
-from analysis.history.limits import judge
+from analysis.history.changes import FALSE_ALARMS, FEWEST, NEWEST, Change
+from analysis.history.history import History, Series, judge
 from analysis.history.records import Record, in_time
-from analysis.history.shapes import FEWEST
 from analysis.measures.quantity import Quantity
 from analysis.reporting.origins import simulated_runs
 from rigs.text import plain

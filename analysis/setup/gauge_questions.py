@@ -10,9 +10,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from analysis.setup.answers import Answers
+from analysis.setup.answers import Answers, Options, checked, has_keys, key_error, with_keys, written
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked, has_keys, key_error, with_keys, written
 from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts, ports_here, search
 from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge

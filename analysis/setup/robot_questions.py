@@ -1,4 +1,5 @@
-"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at."""
+"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at: from its joints
+and the nominal arm, one pose says all of it."""
 
 from __future__ import annotations
 
@@ -9,19 +10,45 @@ from functools import partial
 from textwrap import fill
 from typing import Any
 
-from analysis.setup.answers import Answers
-from analysis.setup.arms import chosen_arm
-from analysis.setup.circle import circle_from_start
+import numpy as np
+
+from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.setup.answers import Answers, Options, checked, has_keys, with_keys
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked, has_keys, with_keys
+from analysis.setup.rig_text import chosen_arm
 from daq.discovery import RobotReport, joints_of, search_robot
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
 from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
-from rigs.schema.robot import Pose
+from rigs.schema.part import Vector
+from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import maker_of
+
+
+def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
+    """Return the circle that begins at these joint angles.
+
+    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/conventions.md).
+    """
+    T = forward(arm_of(robot), np.radians([joints_deg]))[0]
+    towards, normal = T[:3, 2], T[:3, 0]
+    return Circle(
+        centre_mm=_vector(T[:3, 3] + radius_mm * towards, 3),
+        normal=_vector(normal, 6),
+        zero=_vector(-towards, 6),
+        radius_mm=radius_mm,
+        posture_deg=tuple(round(float(angle), 3) for angle in joints_deg),
+    )
+
+
+def _vector(values: Array, decimals: int) -> Vector:
+    """Three numbers (3,), rounded to what is known of them."""
+    x, y, z = (round(float(value), decimals) + 0.0 for value in values)
+    return x, y, z
+
 
 _COLUMNS = 79
 _MOST_TOLERANCE_MM = 1000.0
