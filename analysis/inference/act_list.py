@@ -86,14 +86,20 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
     enough: its repair stands behind its correction."""
     corrected = {k for one in acts if one.kind in ("load", "approach") for k in one.parts}
     late = [one for one in acts if one.why == "sure_and_large" and one.kind == "repair" and {*one.parts} <= corrected]
-    first = sorted((one for one in acts if one not in late), key=_weight, reverse=True)
-    late.sort(key=lambda one: -one.removes_um)
-    return [*first, *(replace(one, why="not_enough") for one in late)]
+    late.sort(key=lambda act: -act.removes_um)
+    ordered: list[Act] = []
+    for act in sorted((act for act in acts if act not in late), key=_weight, reverse=True):
+        ordered.append(act)
+        served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
+        behind = [repair for repair in late if {*repair.parts} <= served]
+        ordered += [replace(repair, why="not_enough") for repair in behind]
+        late = [repair for repair in late if repair not in behind]
+    return ordered
 
 
 def _weight(act: Act) -> float:
-    """Return by what an act is ordered in µm: what it removes; of an approach from one side, whose part in the error
-    before nobody knows, what its part makes."""
+    """Return what orders an act, in µm: what it removes, and for an approach from one side, whose gain is unknown
+    beforehand, what its part makes."""
     return act.remains_um if act.kind == "approach" else act.removes_um
 
 

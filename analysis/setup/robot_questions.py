@@ -89,8 +89,8 @@ def describe_robot(report: RobotReport) -> Iterator[str]:
     assert report.feedback is not None  # noqa: S101 - of a robot that was found
     yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
     yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
-    if report.said:
-        yield f"      the controller reports: {report.said}"
+    if report.reported:
+        yield f"      the controller reports: {report.reported}"
 
 
 def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
