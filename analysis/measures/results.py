@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
-import numpy as np
 import pyarrow as pa
 
 from analysis.conventions.check import doubts_of

@@ -178,7 +178,7 @@ class StreamBuffer:
         self._is_faulty = False
         self._counters["samples"] += size_of(item)
         self._keep_recent(item)
-        if isinstance(item, Samples):
+        if type(item) is Samples:
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
@@ -197,7 +197,8 @@ class StreamBuffer:
 
 def size_of(item: Item) -> int:
     """Return how many samples or faults an item is."""
-    return len(item) if isinstance(item, Samples) else 1
+    # By its type: to ask whether a sample is a sequence takes a tenth of what a poll takes.
+    return len(item) if type(item) is Samples else 1
 
 
 def samples_of(items: Sequence[Item]) -> Samples:
