@@ -31,7 +31,7 @@ def _class_in(name: str) -> type[Effect]:
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
         if is_effect and member.model_fields["effect"].default == name:
-            return _whole(f"rigs/effects/{name}.py", member)  # type: ignore[type-abstract]
+            return _whole(f"rigs/effects/{name}.py", member)
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
 
@@ -46,7 +46,7 @@ def _whole(name: str, cls: type[Effect]) -> type[Effect]:
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
     """The whole effects that other packages offer."""
     found = {}
-    for name, cls in plugins.offered("rig.effects", Effect, own).items():
+    for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
             found[name] = _whole(name, cls)
         except ImportError as reason:
