@@ -27,7 +27,7 @@ from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.play import play
+from rigs.schema.scene import play
 from rigs.schema.vocabulary import TestName
 
 _ALIKE = 8.0

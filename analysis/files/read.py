@@ -25,7 +25,7 @@ from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.write import as_it_was
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
-from daq.store.schema import table_schema
+from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig

@@ -1,7 +1,7 @@
 """What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait.
 
 A daemon that goes is waited for, and asked again when it is back. Asking costs its readers little: what an answer may
-hold is bounded (`daq.service.recent_samples`), and its whole state is asked for twice a second only.
+hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a second only.
 """
 
 from __future__ import annotations

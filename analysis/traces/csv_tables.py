@@ -29,7 +29,7 @@ from analysis.traces.tables import (
     Table,
     TouchTable,
 )
-from daq.store.schema import array_of
+from daq.store.chunk import array_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.store.records import Ending
 
 FIRST_PAUSE_S = 5.0

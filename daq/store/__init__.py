@@ -13,8 +13,8 @@ from daq.store.records import Chunk, Relabelling
 from daq.store.recover import Recovery, recover
 from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
-from daq.store.room import NearlyFull
 from daq.store.run import Run, is_unclosed, read_run
+from daq.store.run_directory import NearlyFull
 from daq.store.verify import Verdict, judge, verify
 from daq.store.writer import RunWriter
 

@@ -19,6 +19,7 @@ import pyarrow as pa
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from daq.acquisition.host_clock import read_clocks
+from daq.store.chunk import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from daq.store.durable import replace
 from daq.store.ledger import LEDGER, Entry, read_ledger
 from daq.store.records import (
@@ -38,7 +39,6 @@ from daq.store.records import (
     sha256,
     to_recover,
 )
-from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.distribution import version
 from rigs.errors import FileError, UseError
 from rigs.files import of_newer_rig, read_bytes

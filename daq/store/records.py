@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from daq import clock
-from daq.store.schema import ColumnType, storable
+from daq.store.chunk import ColumnType, storable
 from rigs.errors import FileError
 from rigs.text import as_argument
 

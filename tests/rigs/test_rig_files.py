@@ -18,7 +18,7 @@ from daq.acquisition.streams import streams_of
 from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
-from rigs.schema.certificate import Certificate
+from rigs.schema.probe import Certificate
 from rigs.schema.vocabulary import MAKERS
 
 TEXT = (

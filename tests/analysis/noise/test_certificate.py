@@ -25,7 +25,7 @@ from daq.protocol.conversation import Sample
 from daq.store import Run, RunWriter, read_run
 from rigs.load import load, parse
 from rigs.rig import Rig
-from rigs.schema.certificate import GaugeCertificate, Temperature
+from rigs.schema.probe import GaugeCertificate, Temperature
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.written_runs import write_simulated
 

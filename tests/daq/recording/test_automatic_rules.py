@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.traces.recording_rule import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import StartRun, StopRun, Trigger
+from daq.recording.automatic import StartRun, StopRun, Trigger
 from daq.store import RunWriter, read_run
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse

@@ -9,7 +9,7 @@ import pytest
 
 from daq.acquisition.stream_buffer import PretriggerBuffer, samples_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import Command, StartRun, StopRun, Trigger
+from daq.recording.automatic import Command, StartRun, StopRun, Trigger
 from rigs.schema.recording_rules import Rule
 
 S = 1_000_000_000

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import daq.service.client
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.service.client import Client, find_socket
 from daq.service.control import ControlServer, reply
 from daq.service.instance_lock import InstanceLock
