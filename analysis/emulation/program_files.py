@@ -11,7 +11,7 @@ from analysis.emulation import fanuc_tp, inform, krl, rapid, urscript
 from analysis.emulation.machine import Machine, ProgramError
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.schema.vocabulary import Maker
+from rigs.schema.part import Maker
 
 _MAKERS: dict[str, Maker] = {
     ".script": "ur",

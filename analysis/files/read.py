@@ -29,7 +29,7 @@ from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000

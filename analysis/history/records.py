@@ -23,7 +23,7 @@ from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.part import CIRCLES
 
 _PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
 _MOST_BYTES = 1_000_000_000

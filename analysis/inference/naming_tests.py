@@ -25,7 +25,7 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import is_play, label_of, name_of, phases, size_of
-from rigs.schema.vocabulary import TestName
+from rigs.schema.part import TestName
 
 JOINED = "--unseen"
 """The test that takes no driving: the runs that only judged, used as well."""

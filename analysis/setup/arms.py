@@ -11,9 +11,8 @@ from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
-from rigs.schema.part import Part
+from rigs.schema.part import FEWEST_AXES, Part
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES
 from rigs.text import the_same
 from rigs.yaml_text import read_yaml
 

@@ -20,8 +20,8 @@ from rigs.errors import CellError, FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
+from rigs.schema.part import maker_of
 from rigs.schema.robot import Pose
-from rigs.schema.vocabulary import maker_of
 
 _COLUMNS = 79
 _MOST_TOLERANCE_MM = 1000.0

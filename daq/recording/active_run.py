@@ -26,13 +26,12 @@ from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of, s
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
+from daq.store.ledger import Ending
 from daq.store.manifest import DrivenWith, Operator, Placement, ViewZero, load_manifest
-from daq.store.records import Ending
 from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
-from rigs.schema.part import Part
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, Part, TestName
 
 NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 

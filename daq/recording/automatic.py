@@ -32,9 +32,9 @@ from daq.protocol.conversation import Item, Sample
 from daq.recording.active_run import EndedRun, Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
-from daq.store.records import Ending
+from daq.store.ledger import Ending
 from rigs.errors import RigError
-from rigs.schema.recording_rules import NEAR_DEG, Automatic, Rule, When
+from rigs.schema.declared_tests import NEAR_DEG, Automatic, Rule, When
 
 _S = 1_000_000_000
 _SETTLED_NS = _S // 10

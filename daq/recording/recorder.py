@@ -26,7 +26,7 @@ from daq.recording.io_worker import IoWorker
 from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, Running, State, Suspend, Waiting
 from daq.recording.warnings import HostWatch, Losses, RateLimitedLog
 from daq.store import NearlyFull, RunWriter
-from daq.store.records import Ending
+from daq.store.ledger import Ending
 from daq.store.run_directory import RunRemoved
 from rigs.errors import CellError, RigError
 from rigs.text import as_argument

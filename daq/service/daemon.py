@@ -27,10 +27,9 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError
 
 from daq import clock
-from daq.acquisition.capture_writer import CaptureWriter
+from daq.acquisition.capture_writer import CaptureWriter, ReplayMarks
 from daq.acquisition.host_clock import HOST, DriftMonitor
 from daq.acquisition.reader import Reader, keep_stamps_prompt
-from daq.acquisition.replay_marks import ReplayMarks
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.acquisition.streams import ROBOT, streams_of
 from daq.protocol.conversation import Item
@@ -38,17 +37,16 @@ from daq.recording.active_run import NAME_RULE, Label
 from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
 from daq.service.control import ControlServer
-from daq.service.instance_lock import InstanceLock
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
+from daq.service.trust import InstanceLock
 from daq.store import RunWriter
-from daq.store.records import Ending
+from daq.store.ledger import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link, open_link
 from rigs.errors import CellError, RigError, UseError
 from rigs.rig import Rig
-from rigs.schema.part import Part
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.part import CIRCLES, Part
 from rigs.text import plain, plain_lines
 
 

@@ -16,8 +16,8 @@ import pyarrow as pa
 
 from daq.store.chunk import FAULTS, MOST_BYTES, TABLE, array_of, from_parquet, piece_of
 from daq.store.durable import TEMPORARY, is_locked
+from daq.store.ledger import BEING_RECORDED, Chunk, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
-from daq.store.records import BEING_RECORDED, Chunk, sha256, to_recover
 from rigs.errors import FileError
 from rigs.files import read_bytes
 

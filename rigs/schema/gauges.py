@@ -18,9 +18,8 @@ from pydantic import Field, model_validator
 
 from rigs.schema.links import Line, ModemLines
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
-from rigs.schema.part import Origin, Part
+from rigs.schema.part import FURTHER, Origin, Part
 from rigs.schema.probe import Probe, Timing
-from rigs.schema.vocabulary import FURTHER
 
 
 class SylvacOptoRS(Probe):

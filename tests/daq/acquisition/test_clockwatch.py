@@ -18,7 +18,7 @@ from daq.recording.active_run import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
-from daq.store.records import Clock
+from daq.store.ledger import Clock
 
 S = 1_000_000_000
 START = ClockReadings(100 * S, 1_800_000_000 * S, 150 * S)
