@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rigs.errors import FileError
+from rigs.plugins import BROKEN
 from rigs.rig import Rig
 
 _MOST_TOLD = 100
@@ -158,7 +159,7 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":
         tag, choices, _ = _tag_error(detail)
-        return f"{tag!r} is not known{_nearest(tag, choices)}"
+        return BROKEN.get(tag) or f"{tag!r} is not known{_nearest(tag, choices)}"
     if kind == "literal_error":
         choices = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
         tag = _short(value).strip("'")

@@ -75,8 +75,8 @@ def _off_circle(T: Array, circle: Circle) -> Off:
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
     off = float(np.median(np.maximum(radial, np.abs(from_centre @ frame.n))))
-    wanted = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
-    trace = np.einsum("nij,nij->n", wanted, T[:, :3, :3])
+    R_nominal = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
+    trace = np.einsum("nij,nij->n", R_nominal, T[:, :3, :3])
     turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
     off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
     return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
@@ -85,9 +85,9 @@ def _off_circle(T: Array, circle: Circle) -> Off:
 def _off_targets(places: Array, table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Off:
     """How far the tool was from its targets, or where their numbers are unknown from the sphere."""
     frame = hemisphere_frame(hemisphere)
-    wanted = places_of(table, hemisphere)
+    targets = places_of(table, hemisphere)
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
-    off_mm = float(np.median(away if wanted is None else np.linalg.norm(places - wanted, axis=1)))
+    off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
     return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
 
 

@@ -92,12 +92,12 @@ class McapBag:
                 unpacked += self._hold_size(record, unpacked)
             else:
                 checked &= not isinstance(record, Message)
-            for one in _records_in(record) if isinstance(record, Chunk) else (record,):
-                if isinstance(one, Message):
+            for part in _records_in(record) if isinstance(record, Chunk) else (record,):
+                if isinstance(part, Message):
                     count += 1
-                    yield Found(*self._channels[one.channel_id], one.log_time, one.publish_time, one.data)
+                    yield Found(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
                 else:
-                    self._learn(one)
+                    self._learn(part)
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
                 raise McapError(f"it holds {count} messages, and its statistics say {record.message_count}")
@@ -224,7 +224,7 @@ def file_of(path: Path) -> Path:
 
     Raises FileError for a directory with no such file, or several, and for a file whose end is in a log beside it.
     """
-    files = sorted(one for one in path.iterdir() if one.suffix in _SUFFIXES) if path.is_dir() else [path]
+    files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES) if path.is_dir() else [path]
     if len(files) == 1:
         log = files[0].with_name(f"{files[0].name}-wal")
         if log.exists() and log.stat().st_size:
@@ -282,13 +282,13 @@ class Cdr:
     def text(self) -> str:
         """Take a text."""
         size = self.count()
-        (held,) = struct.unpack_from(f"{size}s", self._body, self._at)
+        (encoded,) = struct.unpack_from(f"{size}s", self._body, self._at)
         self._at += size
-        return str(held.rstrip(b"\0"), "utf-8", "replace")
+        return str(encoded.rstrip(b"\0"), "utf-8", "replace")
 
     def header(self) -> int:
         """Take a header: its stamp in ns, 0 for none."""
-        seconds, nanoseconds = (int(one) for one in self.take("I", 2))
+        seconds, nanoseconds = (int(part) for part in self.take("I", 2))
         self.text()
         return seconds * 10**9 + nanoseconds
 

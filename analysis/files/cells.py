@@ -49,9 +49,9 @@ class Problems:
     count: int = 0
     _kept: list[TableProblem] = field(default_factory=list)
 
-    def add(self, found: Iterable[TableProblem]) -> None:
+    def add(self, problems: Iterable[TableProblem]) -> None:
         """Count problems, and keep those that may be among the first."""
-        for problem in found:
+        for problem in problems:
             self.count += 1
             self._kept.append(problem)
             if len(self._kept) > 50 * _SHOWN:
@@ -120,10 +120,10 @@ def numbers(texts: Sequence[str]) -> Array | None:
     if not _OF_NUMBERS.fullmatch(",".join(texts)):
         return None
     try:
-        found = np.fromiter(map(float, texts), dtype=float, count=len(texts))
+        parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except ValueError:
         return None
-    return found if np.abs(found).max(initial=0.0) <= LARGEST else None
+    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
 
 
 def _number(text: str) -> float:
@@ -155,14 +155,14 @@ def _label(text: str) -> str:
     return text
 
 
-def _word(text: str, known: tuple[str, ...]) -> str:
-    if text in known:
+def _word(text: str, words: tuple[str, ...]) -> str:
+    if text in words:
         return text
     lower = text.lower()
     direction = direction_of(lower)
-    near = [direction] if direction in known else difflib.get_close_matches(lower, known, n=1)
+    near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
     hint = f"; did you mean {near[0]}?" if near else ""
-    raise ValueError(f"{quoted(text)} is not {', '.join(known[:-1])} or {known[-1]}{hint}")
+    raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
 
 
 _BATCH_CELLS = 100_000
@@ -198,13 +198,13 @@ def _values(
 ) -> Sequence[Value | None] | Array:
     if name not in layout.known:
         return [as_it_was(text) for text in texts]
-    if column_type(name, layout) == "double" and (found := numbers(texts)) is not None:
-        return found
+    if column_type(name, layout) == "double" and (parsed := numbers(texts)) is not None:
+        return parsed
     read = {text: _read(name, text) for text in set(texts)}
     for line, text in zip(lines.tolist(), texts, strict=True):
         if isinstance(bad := read[text], ValueError):
             problems.add([TableProblem(line, name, str(bad))])
-    return [None if isinstance(one := read[text], ValueError) else one for text in texts]
+    return [None if isinstance(cell := read[text], ValueError) else cell for text in texts]
 
 
 def _read(name: str, text: str) -> Value | ValueError:

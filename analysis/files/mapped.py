@@ -147,15 +147,15 @@ def _columns(template: str, values: Array) -> Columns:
 
 
 def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
-    layout, given = LAYOUTS[test], table_map.columns
+    layout, stated = LAYOUTS[test], table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
-    missing = [name for name in layout.required if name not in given and name not in joints]
+    missing = [name for name in layout.required if name not in stated and name not in joints]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
         what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
-    if unknown := [name for name in given if name not in layout.known]:
+    if unknown := [name for name in stated if name not in layout.known]:
         raise UseError(
             "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
         )
@@ -165,8 +165,8 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
     for name in layout.known:
         if name in joints:
             named[name] = pa.array(angles[:, joints.index(name)])
-        elif name in given:
-            named[name] = _one(raw, name, given[name].column, given[name].unit, problems)
+        elif name in stated:
+            named[name] = _one(raw, name, stated[name].column, stated[name].unit, problems)
         elif name == "direction" and direction:
             named[name] = pa.repeat(direction, len(raw.lines))
     if problems.count:
@@ -177,17 +177,17 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
 def _one(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
     """A column by our name: a number in its unit, a count, or a word."""
     if name not in WORDS and name not in COUNTS:
-        own = name.rpartition("_")[2]
-        if unit and unit not in TO_UNIT[own]:
-            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[own])}")
-        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[own][unit] if unit else 1.0))
+        our_unit = name.rpartition("_")[2]
+        if unit and unit not in TO_UNIT[our_unit]:
+            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[our_unit])}")
+        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
     if column not in raw.names:
         raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")
-    found: list[object] = []
+    values: list[object] = []
     for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
         try:
-            found.append(value(name, text))
+            values.append(value(name, text))
         except ValueError as error:
             problems.add([TableProblem(line, column, str(error))])
-            found.append(None)
-    return pa.array(found, pa.string() if name in WORDS else pa.int64())
+            values.append(None)
+    return pa.array(values, pa.string() if name in WORDS else pa.int64())

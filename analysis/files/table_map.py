@@ -89,9 +89,9 @@ class Turn(Part):
     def _whole(self) -> Turn:
         if re.search("xx|yy|zz", self.form):
             raise ValueError(f"{self.form} turns about one axis twice in a row; write xyz, zyx, zyz …")
-        wanted = TURN_COLUMNS.get(self.form, 3)
-        if len(self.columns) != wanted:
-            raise ValueError(f"a turn as {self.form} has {wanted} columns, not {len(self.columns)}")
+        count = TURN_COLUMNS.get(self.form, 3)
+        if len(self.columns) != count:
+            raise ValueError(f"a turn as {self.form} has {count} columns, not {len(self.columns)}")
         angles = self.form not in ("quaternion", "matrix")
         if angles and self.unit is None:
             raise ValueError(f"a turn as {self.form} needs a unit; add deg or rad")
@@ -180,12 +180,12 @@ def _lines(key: str, value: object, open_keys: dict[str, list[str]]) -> list[str
     if not isinstance(value, dict):
         return [f"{key}: {_flow(value)}"]
     lines = [f"{key}:"]
-    for name, one in value.items():
+    for name, entry in value.items():
         place = f"{key}.{name}"
         if place in open_keys:
             lines += [f"  {line}" for line in _choices(place, open_keys[place])]
-            one = OPEN  # noqa: PLW2901 - the question takes the place of the answer
-        lines.append(f"  {_flow(name)}: {_flow(one)}")
+            entry = OPEN  # noqa: PLW2901 - the question takes the place of the answer
+        lines.append(f"  {_flow(name)}: {_flow(entry)}")
     return lines
 
 

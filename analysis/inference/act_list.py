@@ -17,7 +17,7 @@ from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, 
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
-from rigs.schema.effect import name_of, size_field
+from rigs.schema.effect import label_of, name_of, size_field
 
 LEAST_SHARE = 0.1
 """Share of the error from which every part has an act, or a reason why there is none."""
@@ -73,7 +73,8 @@ def acts_of(
 def _acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> tuple[Act, ...]:
     if found.condition == "not_testable_here":
         return (Act("measure", "not_visible", command=("plan", _model(found))),)
-    acts = _in_order([*_repairs(found, judged), *_corrections(found, judged), *_approaches(found)])
+    repairs, following = _repairs(found, judged)
+    acts = _in_order([*repairs, *_corrections(found, judged), *_approaches(found)]) + following
     asked = _measurements(found, judged, tests)
     first = [one for one in asked if _comes_first(one, acts, found)]
     acts = [*first, *acts, *(one for one in asked if one not in first)]
@@ -85,9 +86,21 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
     enough: its repair stands behind its correction."""
     corrected = {k for one in acts if one.kind in ("load", "approach") for k in one.parts}
     late = [one for one in acts if one.why == "sure_and_large" and one.kind == "repair" and {*one.parts} <= corrected]
-    first = sorted((one for one in acts if one not in late), key=lambda one: -one.removes_um)
-    late.sort(key=lambda one: -one.removes_um)
-    return [*first, *(replace(one, why="not_enough") for one in late)]
+    late.sort(key=lambda act: -act.removes_um)
+    ordered: list[Act] = []
+    for act in sorted((act for act in acts if act not in late), key=_weight, reverse=True):
+        ordered.append(act)
+        served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
+        behind = [repair for repair in late if {*repair.parts} <= served]
+        ordered += [replace(repair, why="not_enough") for repair in behind]
+        late = [repair for repair in late if repair not in behind]
+    return ordered
+
+
+def _weight(act: Act) -> float:
+    """Return what orders an act, in µm: what it removes, and for an approach from one side, whose gain is unknown
+    beforehand, what its part makes."""
+    return act.remains_um if act.kind == "approach" else act.removes_um
 
 
 def _approaches(found: Diagnosis) -> list[Act]:
@@ -103,30 +116,49 @@ def _approaches(found: Diagnosis) -> list[Act]:
     return acts
 
 
-def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return what a hand does about faults, and about what is of usual size and makes much of the error."""
-    acts = []
-    for k, part in enumerate(found.budget):
-        if part.index is None:
-            continue
-        one = found.effects[part.index]
-        if not one.shown or not (one.stands or _is_worth_a_hand(found, part, one)):
-            continue
-        relative = part.u_um / part.um if part.um > 0 else 1.0
-        figures = judged.removed([one.effect], relative)
-        why: Reason = "fault" if one.stands else "sure_and_large"
-        acts.append(
-            replace(
-                figures,
-                kind=one.effect.DEED,
-                why=why,
-                parts=(k,),
-                effect=one.effect,
-                u=one.sd.get(size_field(one.effect)),
-                against=_against(found, one, judged),
-            )
-        )
-    return acts
+def _repairs(found: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
+    """Return what a hand does about faults, and about what is of usual size and makes much of the error; and those of
+    them that follow. Of errors that cancel, one alone may make the error larger: it is done, and judged, after the
+    others."""
+    served = [(k, one) for k, part in enumerate(found.budget) for one in _by_hand(found, part)]
+    acts = [_repair(found, judged, k, one, ()) for k, one in served]
+    done = [act.effect for act in acts if act.removes_um > 0 and act.effect is not None]
+    first, following = list(acts), []
+    for (k, one), act in zip(served, acts, strict=True):
+        if done and act.removes_um <= 0 and one.stands:
+            after = _repair(found, judged, k, one, done)
+            if after.removes:
+                first.remove(act)
+                following.append(after)
+                done.append(one.effect)
+    return first, following
+
+
+def _by_hand(found: Diagnosis, part: BudgetPart) -> list[Named]:
+    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it."""
+    own = found.effects[part.index] if part.index is not None else None
+    beside = [one for one in found.standing if one is not own and label_of(one.effect) in part.cancelled]
+    first = [own] if own is not None and (own.stands or _is_worth_a_hand(found, part, own)) else []
+    return [one for one in [*first, *beside] if one.shown]
+
+
+def _repair(found: Diagnosis, judged: JudgedPlace, k: int, one: Named, done: Sequence[Effect]) -> Act:
+    """Return what a hand does about an effect of part k once other effects are `done`."""
+    part = found.budget[k]
+    is_own = part.index is not None and found.effects[part.index] is one
+    u_um, um = (part.u_um, part.um) if is_own else (one.u_um, one.worth_um)
+    figures = judged.removed([*done, one.effect], u_um / um if um > 0 else 1.0)
+    if done:
+        figures = replace(figures, removes_um=judged.removed(done).remains_um - figures.remains_um)
+    return replace(
+        figures,
+        kind=one.effect.DEED,
+        why="fault" if one.stands else "sure_and_large",
+        parts=(k,),
+        effect=one.effect,
+        u=one.sd.get(size_field(one.effect)),
+        against=_against(found, one, judged),
+    )
 
 
 def _is_worth_a_hand(found: Diagnosis, part: BudgetPart, one: Named) -> bool:

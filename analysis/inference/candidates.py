@@ -453,8 +453,8 @@ class Columns:
         return variance
 
     def usual_variance(self, level: float) -> Array:
-        """Return the largest variance (p,) that is usual of the coefficients at a level: that of a healthy arm for the
-        constants that have widths of their own, and no limit for all others.
+        """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:
+        that of a healthy arm for the constants that have widths of their own, and no limit for all others.
 
         A width that has only one large constant to go by is as large as that, and would make any fault usual.
         """

@@ -120,9 +120,16 @@ class Compared(Tabular):
 
 def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
     """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
-    one set-up; `unseen` runs, of another place or radius, have set-ups of their own. Raises FileError."""
+    one set-up; so do `unseen` runs, of another place or radius, among themselves. Raises FileError."""
     parts = [_compared(runs, rig, "")] if runs else []
-    parts += [_compared([run], run.rig.modelled_as(rig), " at the unseen place") for run in unseen]
+    places: list[tuple[Rig, list[Measured]]] = []
+    for run in unseen:
+        model = run.rig.modelled_as(rig)
+        there = next((own for other, own in places if other == model), None)
+        if there is None:
+            places.append((model, there := []))
+        there.append(run)
+    parts += [_compared(there, model, " at the unseen place") for model, there in places]
     setups: dict[str, SetUp] = {}
     for part in parts:
         setups |= part.setups

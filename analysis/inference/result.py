@@ -522,8 +522,9 @@ class Diagnosis(Tabular):
 
 
 def is_open(part: BudgetPart, one: Named) -> bool:
-    """Return whether an effect of usual size makes much of the error, and its odds are below those of a sure name."""
-    return part.share > LARGE_SHARE and one.doubt == "usual" and one.posterior < CERTAIN_ODDS
+    """Return whether an effect that is no fault, or that usual errors may show as well, makes much of the error, and
+    its odds are below those of a sure name."""
+    return part.share > LARGE_SHARE and one.doubt in ("usual", "healthy_shows_it") and one.posterior < CERTAIN_ODDS
 
 
 def is_there(found: Diagnosis, part: BudgetPart) -> bool:
@@ -531,7 +532,8 @@ def is_there(found: Diagnosis, part: BudgetPart) -> bool:
     alike."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
+    # Where usual errors may show the same, it is open what does it and certain that it is done.
+    return found.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
 def is_sure(found: Diagnosis, part: BudgetPart) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,7 +86,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     before, after, calibrated = (1e3 * rms(own) for own in left)
     tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
     keeps = all(run.one.setup in stages.calibrated for run in runs)
-    floor = _floor(result, {run.name for run in runs})
+    floor = _floor(result, runs)
     return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
 
 
@@ -277,11 +277,14 @@ def left_um(runs: Sequence[ObservedRun], used: Sequence[ObservedRun], effects: S
     return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
 
 
-def _floor(result: SearchResult, names: Collection[str]) -> float:
-    """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
-    noise; that of touches, and of many poses, as far as the readings show it."""
-    linear = result.linear
+def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
+    """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
+    assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
+    of their test."""
+    linear, names, tests = result.linear, {run.name for run in runs}, {test_of(run.one.table) for run in runs}
     alike = [block.name in names for block in linear.blocks]
+    if not any(alike):
+        alike = [test_of(block.one.table) in tests for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
     strength = result.state.strength[result.selection.columns.band]
     shown = [

@@ -102,9 +102,9 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
     """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
     where any is."""
     solutions = inverse(arm, pose)
-    found = solutions.q[solutions.found]
-    allowed, _ = within_limits(arm, found)
-    candidates = allowed if len(allowed) else found
+    postures = solutions.q[solutions.found]
+    allowed, _ = within_limits(arm, postures)
+    candidates = allowed if len(allowed) else postures
     if not len(candidates):
         return None
     nearest: Array = candidates[np.abs(candidates - q).max(axis=1).argmin()]

@@ -90,21 +90,21 @@ def good(mm: Array, rad: Array) -> Mask:
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
-def distinct(arm: Arm, q: Array, found: Mask) -> tuple[Array, Mask]:
-    """q (n, k, 6) rad and found (n, k) without the solutions that an earlier slot has already; empty slots are nan."""
-    found = found.copy()
+def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
+    """q (n, k, 6) rad and solved (n, k) without the solutions that an earlier slot has already; empty slots are nan."""
+    solved = solved.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
         apart = np.abs(wrapped(turned[:, :slot] - turned[:, slot, None])).max(axis=2)
-        found[:, slot] &= ~((apart < _SAME_RAD) & found[:, :slot]).any(axis=1)
-    return np.where(found[..., None], q, np.nan), found
+        solved[:, slot] &= ~((apart < _SAME_RAD) & solved[:, :slot]).any(axis=1)
+    return np.where(solved[..., None], q, np.nan), solved
 
 
-def may_hold_twins(turned: Array, found: Mask) -> Mask:
+def may_hold_twins(turned: Array, solved: Mask) -> Mask:
     """Which poses (n,) may have a solution twice among coupling @ q (k, 6, n), as far as one number of each says: a sum
     of absolute angles, which has no jump at half a turn."""
     number = np.einsum("i,kin->kn", _WEIGHTS, np.abs(turned))
-    number = np.sort(np.where(found, number, np.inf), axis=0)
+    number = np.sort(np.where(solved, number, np.inf), axis=0)
     with np.errstate(invalid="ignore"):  # inf - inf, where two are missing
         twins: Mask = (np.diff(number, axis=0) <= 2 * _SAME_RAD * _WEIGHTS.sum()).any(axis=0)
     return twins

@@ -46,8 +46,8 @@ def torques(arm: Arm, load: Load, q: Array) -> Array:
     return torque
 
 
-def _same(one: Load, other: Load) -> bool:
-    return one.mass is other.mass and one.centre is other.centre and one.payload_kg == other.payload_kg
+def _same(first: Load, second: Load) -> bool:
+    return first.mass is second.mass and first.centre is second.centre and first.payload_kg == second.payload_kg
 
 
 def _torques(arm: Arm, load: Load, q: Array) -> Array:

@@ -84,9 +84,9 @@ def eccentric(rig: Rig) -> Rig:
 def reversal_rows(rig: Rig) -> Iterator[Row]:
     """Table 1, from the set-up alone; no effect touches it."""
     names = [axis.name for axis in rig.robot.axes]
-    found = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
+    all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
-        turns = [turn for turn in found if turn.axis == axis]
+        turns = [turn for turn in all_turns if turn.axis == axis]
         theirs = paper.REVERSALS_DEG.get(name, ())
         if not theirs:
             text = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
@@ -116,13 +116,13 @@ def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
         at = float(np.degrees(turn.phi))
         by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
         jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
-    here = f"Theta {paper.JUMP_AT_DEG:.0f}°"
+    jump_name = f"Theta {paper.JUMP_AT_DEG:.0f}°"
     ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
-    place = ranked.index(here) + 1 if here in ranked else 0
-    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != here][:2])
+    place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
+    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
     note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
-    ours = f"{jumps[here]:+.2f}°" if here in jumps else "none"
-    return Row("Fig. 8", f"yaw jumps at {here}, {direction}", "sudden change", ours, "", note)
+    ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
+    return Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
 
 def _without_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -162,8 +162,8 @@ def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
 
 
 def _flat(curve: SimulatedLap, ours: float, place: float) -> str:
-    there, here = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
-    return f"at {place:.0f}° within {abs(there - here):.2f}° of it"
+    at_theirs, at_ours = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
+    return f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it"
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:
@@ -189,18 +189,18 @@ def sphere_rows(rig: Rig) -> Iterator[Row]:
     )
 
 
-def _towards(ball: FittedSphere, other: FittedSphere | None = None) -> str:
+def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
     text = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
-    if other is None:
+    if measured is None:
         return text
-    cosine = ball.centre_mm @ other.centre_mm / (ball.shift_mm * other.shift_mm)
+    cosine = ball.centre_mm @ measured.centre_mm / (ball.shift_mm * measured.shift_mm)
     return f"{text}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
 
 
 def repeatability_rows(rig: Rig) -> Iterator[Row]:
     """Figure 15: means over simulated tests, and their spread."""
-    found = repeats(rig, rig.effects)
-    uni, bi = found["uni_mm"], found["bi_mm"]
+    figures = repeats(rig, rig.effects)
+    uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
     yield Row(
         "Fig. 15",

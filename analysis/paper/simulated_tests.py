@@ -96,8 +96,8 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
     """The radial test. Raises FileError where the robot cannot reach a target."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
-    found = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
-    return FittedSphere(found.free.radius, float(np.ptp(found.free.residual)), found.free.centre)
+    result = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
+    return FittedSphere(result.free.radius, float(np.ptp(result.free.residual)), result.free.centre)
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
@@ -111,9 +111,9 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
     return {name: figures[name] for name in ("uni_mm", "bi_mm")}
 
 
-def typical_seed(found: dict[str, Array]) -> int:
+def typical_seed(figures: dict[str, Array]) -> int:
     """The number of the test, of figures (seeds,) in mm, that lies nearest to the mean of all, each by its spread."""
-    off = [(values - values.mean()) / (values.std() or 1.0) for values in found.values()]
+    off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))
 
 

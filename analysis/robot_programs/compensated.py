@@ -80,18 +80,18 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
     old = targets_of(plan)
     farthest = _hold_near(old, targets, lines, where)
     _hold_limits(plan.arm, targets, lines, where)
-    new = {id(one): other for one, other in zip(old, targets, strict=True)}
+    new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
-    known: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
+    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
     at = old[0]
     for step in plan.steps:
         if not isinstance(step, Move):
             steps.append(step)
             continue
         key = id(at), id(step)
-        if key not in known:
-            known[key] = tuple(_moved(plan, step, new[id(at)], new))
-        steps += known[key]
+        if key not in moved_by_ends:
+            moved_by_ends[key] = tuple(_moved(plan, step, new[id(at)], new))
+        steps += moved_by_ends[key]
         at = end_of(step)
     return replace(plan, steps=tuple(steps))
 
@@ -110,10 +110,10 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
             q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
-            there = Target(T, q[-1])
-            yield replace(step, target=there, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
+            turned_target = Target(T, q[-1])
+            yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
             if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
-                yield _line(plan, there, end, _AFTER_TURN_MM_S)
+                yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
         case Line(target, speed_mm_s):
             end = new[id(target)]
             on_the_spot = end is begin  # the line to the start, for a controller that is elsewhere at its joint angles

@@ -61,8 +61,8 @@ def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
 
 def _numbered(number: int, line: str) -> str:
     """An instruction with its number; a second line of it (the end of an arc) has none."""
-    first, *more = line.split("\n")
-    return "\n".join([f"{number:4d}:{first}", *(f"    :{one}" for one in more)]) + " ;"
+    first, *continued = line.split("\n")
+    return "\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;"
 
 
 def _frames(arm: Arm) -> list[str]:

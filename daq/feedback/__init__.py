@@ -14,6 +14,7 @@ from typing import Any
 from daq.protocol.conversation import Device, Host
 from rigs.distribution import to_install
 from rigs.errors import CellError
+from rigs.plugins import driver_of
 from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
 
@@ -23,7 +24,7 @@ Read = Callable[[int], Sequence[float]]
 def load(feedback: Feedback) -> Any:
     """Return the file of an interface. Raises CellError where a package that it needs is not installed."""
     try:
-        return import_module(f"daq.feedback.{feedback.interface}")
+        return import_module(driver_of(feedback, __name__))
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
         problem = f"{feedback.interface} needs the package {package}, which is not installed"

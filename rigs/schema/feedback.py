@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from rigs.plugins import extended
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
@@ -336,6 +337,8 @@ Feedback = Annotated[
     URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates | OPCUARobotics,
     Field(discriminator="interface"),
 ]
+if not TYPE_CHECKING:
+    Feedback = extended(Feedback, "rig.robots", Part)
 
 
 def carries_signal(feedback: Feedback) -> bool:

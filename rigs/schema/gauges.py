@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from rigs.plugins import extended
 from rigs.schema.links import Line, ModemLines
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
 from rigs.schema.part import FURTHER, Origin, Part
@@ -299,6 +300,8 @@ Gauge = Annotated[
     | SolartronOrbit,
     Field(discriminator="interface"),
 ]
+if not TYPE_CHECKING:
+    Gauge = extended(Gauge, "rig.gauges", Probe)
 
 
 class Gauges(Part):
