@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from rigs.schema.vocabulary import FEWEST_AXES
 
 from analysis.correction.corrected_targets import reached_angles
 from analysis.correction.left_out import left_out_mm
@@ -25,6 +24,7 @@ from analysis.model.predict import Model, model_of
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.part import FEWEST_AXES
 
 _SEEDS = 128
 """Postures from which an arm without a list of branches is tried, beside the one near which it is asked for. Measured:
