@@ -12,10 +12,9 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigs.extend import extended
-
 from analysis.files.write import holding, write_all_new, write_all_over
 from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
 from rigs.errors import FileError, RigError
 from rigs.load import load
 
