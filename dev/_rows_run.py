@@ -18,9 +18,8 @@ from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
-from daq.store.chunk import Salvage
+from daq.store.chunk import Salvage, schema_of
 from daq.store.ledger import Entry
-from daq.store.schema import schema_of
 from daq.store.stream_writer import store_chunk
 from daq.store.writer import CHUNK_ROWS
 from rigs.load import load

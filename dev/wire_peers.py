@@ -212,7 +212,7 @@ def node_opcua() -> str:
     from daq import feedback  # noqa: PLC0415
     from daq.acquisition.streams import NO_LINE  # noqa: PLC0415
     from daq.protocol.conversation import Fault, Item, Sample  # noqa: PLC0415
-    from daq.wire.opening import open_link  # noqa: PLC0415
+    from daq.wire.links import open_link  # noqa: PLC0415
     from daq.wire.session import run_conversation  # noqa: PLC0415
     from tests.support.drivers import opc_ua  # noqa: PLC0415
 

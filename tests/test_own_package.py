@@ -82,7 +82,7 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
     assert answer == "Polled b'D=+001.2500 mm\\r\\n'"
     assert robot == "Streamed"
     assert effect == "cell_bow.effect True"
-    assert tesa == "rigs.schema.serial_gauges", "a name of rig's own is not taken over"
+    assert tesa == "rigs.schema.gauges", "a name of rig's own is not taken over"
 
 
 def check(site: Path, file: Path) -> subprocess.CompletedProcess[str]:

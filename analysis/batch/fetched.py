@@ -14,8 +14,8 @@ from analysis.batch.outcomes import Item, Value
 from analysis.batch.remote_path import RemotePath
 from analysis.batch.remote_store import entries, explained, opened
 from analysis.batch.run_files import is_read
-from daq.store.records import to_recover
-from daq.store.staged import removed_at_signals
+from daq.store.ledger import to_recover
+from daq.store.run_directory import removed_at_signals
 from rigs.errors import CellError, FileError, RigError
 
 _PREFIX = "rig-"

@@ -28,7 +28,7 @@ def automatic(
     from analysis.traces.recording_rule import rule_of
     from daq.store import read_run
     from rigs.errors import FileError
-    from rigs.schema.recording_rules import Automatic
+    from rigs.schema.declared_tests import Automatic
 
     rules = [rule_of(read_run(path)) for path in paths]
     try:

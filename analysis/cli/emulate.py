@@ -10,10 +10,10 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, maker_option
-from rigs.schema.vocabulary import Maker
+from rigs.schema.part import Maker
 
 if TYPE_CHECKING:
-    from daq.service.instance_lock import InstanceLock
+    from daq.service.trust import InstanceLock
 
 MARKS = "out-of-step.txt"
 """A file beside the rig file of a replayed cell."""
@@ -104,7 +104,7 @@ def emulate(
 def locked_cell(directory: Path) -> InstanceLock:
     """Make the directory of an emulated or replayed cell, and lock it. Raises FileError where it cannot be made, and
     CellError where another cell is served in it."""
-    from daq.service.instance_lock import InstanceLock
+    from daq.service.trust import InstanceLock
     from rigs.errors import FileError
 
     try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError, UseError
-from rigs.schema.vocabulary import Maker
+from rigs.schema.part import Maker
 
 if TYPE_CHECKING:
     from analysis.geometry.pose_pool import Sight

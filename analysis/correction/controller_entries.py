@@ -33,7 +33,7 @@ from analysis.model.predict import model_of
 from rigs.effects import Effect
 from rigs.errors import UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.part import Maker
 
 _NO_MOVE_MM = 1e-9
 """A change of the tool below which an entry does nothing."""

@@ -22,9 +22,9 @@ from analysis.files.write import as_it_was
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
 from analysis.traces.table_rules import LARGEST
-from daq.store.schema import ColumnType
+from daq.store.chunk import ColumnType
 from rigs.errors import FileError
-from rigs.schema.vocabulary import direction_of
+from rigs.schema.part import direction_of
 
 _SHOWN = 20
 

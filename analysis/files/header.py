@@ -9,7 +9,7 @@ from collections import Counter
 from analysis.files.cells import TableFileError, TableProblem, quoted
 from analysis.traces.table_layout import LAYOUTS, RAIL, TURN, WORDS, Layout, came_from_columns, layout_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
+from rigs.schema.part import WITHOUT_GAUGES, TestName
 from rigs.text import as_argument
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}

@@ -14,9 +14,9 @@ from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, joint_columns
 from analysis.traces.tables import PoseTable
-from daq.store.schema import table_schema
+from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

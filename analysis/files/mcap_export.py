@@ -32,7 +32,7 @@ from analysis.files.foxglove_arm import (
 )
 from analysis.files.write import ROWS_AT_ONCE
 from daq.store import Run
-from daq.store.schema import FAULT_COLUMNS, FAULTS, TABLE
+from daq.store.chunk import FAULT_COLUMNS, FAULTS, TABLE
 from rigs.errors import FileError, RigError
 from rigs.load import parse
 from rigs.rig import Rig

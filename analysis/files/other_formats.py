@@ -5,7 +5,7 @@ from __future__ import annotations
 from analysis.arms.ur_calibration import ROS_KINEMATICS
 from analysis.traces.table_layout import LAYOUTS
 from rigs.errors import FileError
-from rigs.schema.vocabulary import TestName
+from rigs.schema.part import TestName
 from rigs.text import as_argument
 
 _BEGINNINGS = (

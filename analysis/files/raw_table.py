@@ -25,7 +25,7 @@ from analysis.files.other_formats import refuse_other_formats
 from analysis.files.table_map import SEPARATORS, Layout, Separator
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST
-from daq.store.schema import array_of
+from daq.store.chunk import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError
 

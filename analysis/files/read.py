@@ -25,11 +25,11 @@ from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.write import as_it_was
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
-from daq.store.schema import table_schema
+from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000

@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from daq.store.staged import files_into, surely
+from daq.store.run_directory import files_into, surely
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_from

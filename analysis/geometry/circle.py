@@ -14,7 +14,7 @@ from analysis.geometry.peaks import peaks
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
 from rigs.schema.declared_tests import Circle
-from rigs.schema.vocabulary import Direction
+from rigs.schema.part import Direction
 
 SENSE: dict[Direction, float] = {"acw": 1.0, "cw": -1.0}
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from rigs.schema.play import play
+from rigs.schema.scene import play
 
 
 def peaks(x: Array, prominence: float) -> Integers:

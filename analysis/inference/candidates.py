@@ -19,7 +19,7 @@ from analysis.kinematics.arm import Array, rail_mm
 from analysis.traces.tables import CircleTable, PlaceTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
-from rigs.schema.play import play
+from rigs.schema.scene import play
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The candidates: the names that a diagnosis can give, each with its possible columns in the readings.

@@ -45,7 +45,7 @@ from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_of
 from rigs.schema.limits import Limit, Limits, Standing
-from rigs.schema.vocabulary import TestName
+from rigs.schema.part import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The standing of runs against limits: every figure that has one, judged with its uncertainty, and the worst of them.

@@ -1,7 +1,7 @@
 """What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait.
 
 A daemon that goes is waited for, and asked again when it is back. Asking costs its readers little: what an answer may
-hold is bounded (`daq.service.recent_samples`), and its whole state is asked for twice a second only.
+hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a second only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from analysis.live.view import Reading, Update
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
-from rigs.schema.vocabulary import FURTHER
+from rigs.schema.part import FURTHER
 
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5

@@ -14,7 +14,7 @@ from analysis.live.joints import JointMotion, JointReversal
 from analysis.live.lap import LapProgress
 from analysis.live.rows import NO_ROWS, Rows
 from analysis.live.sweeps import Sweep
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 _KEPT_ROWS = 6000
 """A minute at 100 Hz."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.stands import standing
-from rigs.schema.play import play
+from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""

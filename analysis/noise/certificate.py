@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from rigs.rig import Rig
-from rigs.schema.certificate import Certificate, GaugeCertificate, Temperature
+from rigs.schema.probe import Certificate, GaugeCertificate, Temperature
 
 _ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
 """The temperature of a cell that is assumed where the rig file does not define one: 20 ± 5 °C, rectangular, hence

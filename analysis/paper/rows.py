@@ -14,7 +14,7 @@ from analysis.paper import published as paper
 from analysis.paper.simulated_tests import FittedSphere, SimulatedLap, circle, repeats, sphere, step
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
-from rigs.schema.vocabulary import Direction
+from rigs.schema.part import Direction
 
 STEP_DEG = 6.0
 """A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""

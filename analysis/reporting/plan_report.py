@@ -28,7 +28,7 @@ from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
-from rigs.schema.vocabulary import CIRCLES, TestName
+from rigs.schema.part import CIRCLES, TestName
 
 _MOST = 3
 """Further tests that are listed for one pair."""

@@ -16,7 +16,7 @@ from analysis.reporting.plan_report import noise_in_words
 from analysis.reporting.wide_tables import whole
 from rigs.edit import Keys, Value, with_values
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.part import CIRCLES
 
 _MOST_REASONS = 3
 _MOST_NAME = 63

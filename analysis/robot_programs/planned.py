@@ -45,8 +45,7 @@ from analysis.robot_programs.ways import straight
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
-from rigs.schema.part import Vector
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
+from rigs.schema.part import CIRCLES, Direction, DrivenTest, Vector
 
 LONGEST_ARC_DEG = 90.0
 """An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is

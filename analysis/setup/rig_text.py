@@ -18,16 +18,14 @@ from analysis.setup.answers import Answers
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.files import read_text
-from rigs.names import the_same
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance
-from rigs.schema.part import Part
+from rigs.schema.part import FEWEST_AXES, Part
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES
-from rigs.text import plain
+from rigs.text import plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
 _MAX_BYTES = 1_000_000

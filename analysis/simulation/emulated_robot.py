@@ -36,7 +36,7 @@ from rigs.schema.condition import (
     words_of,
 )
 from rigs.schema.feedback import condition_columns
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
+from rigs.schema.part import CIRCLES, Direction, DrivenTest
 
 _DWELL_S = 1.5
 """The stand at each target; a program for real gauges waits longer."""

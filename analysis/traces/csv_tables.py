@@ -29,9 +29,9 @@ from analysis.traces.tables import (
     Table,
     TouchTable,
 )
-from daq.store.schema import array_of
+from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:

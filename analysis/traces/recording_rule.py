@@ -14,11 +14,11 @@ from pydantic import ValidationError
 
 from analysis.kinematics.arm import Array
 from daq.store import Run
-from daq.store.records import first_error
+from daq.store.ledger import first_error
 from rigs.errors import FileError
+from rigs.schema.declared_tests import Rule
 from rigs.schema.feedback import SIGNAL
-from rigs.schema.recording_rules import Rule
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.part import CIRCLES
 
 _STILL_DEG = 0.02
 _STOOD_S = 0.3

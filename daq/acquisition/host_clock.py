@@ -8,17 +8,27 @@ Watching whether rigd itself runs: a thread that only sleeps, and reports when i
 
 A computer that is suspended for a moment, that starves its programs, or a process that is stopped holds up every reader
 at once. Readers report their own stalls (`StreamBuffer.beat`); this one says that it was not a single reader.
+
+How an instrument's own clock runs against the host's, watched while samples come: for metrics only.
+
+A message can only come late, so the least (host - device) difference of each ten seconds is close to the clocks' true
+one, and a line through these minima shows the drift. Runs keep raw stamps and are fitted again at analysis.
 """
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+import numpy as np
+
 from daq import clock
 from daq.acquisition.stream_buffer import STALL_NS
-from daq.protocol.conversation import Fault, FaultKind
+from daq.protocol.conversation import Fault, FaultKind, Sample, Samples
 
 HOST = "host"
 """The name under which faults of the computer itself are reported, in place of a stream's."""
@@ -106,3 +116,62 @@ class StallWatch(clock.Thread):
     def stop(self) -> None:
         """Ask the thread to end."""
         self._stop_asked.set()
+
+
+_WINDOW_S = 10.0
+_WINDOWS = 60
+_LEAP_S = 1.0
+"""A difference that leaps by more is a clock that was set or started again."""
+
+
+@dataclass(frozen=True)
+class ClockState:
+    """offset_s: host's monotonic less device, the latest minimum. drift_ppm: how much faster the host's runs; None
+    until there are three windows. late_s: the most that a sample of the last window came after its earliest peers."""
+
+    offset_s: float
+    drift_ppm: float | None
+    late_s: float
+
+
+class DriftMonitor:
+    """Follows an instrument's clock by the minima of the last ten minutes."""
+
+    def __init__(self) -> None:
+        self._minima: deque[tuple[float, float]] = deque(maxlen=_WINDOWS)
+        self._begun_s = math.nan
+        self._least = self._most = math.nan
+        self._late_s = math.nan
+
+    def feed(self, samples: Sequence[Sample]) -> None:
+        """Take samples in order of arrival; those without a time of their own are ignored."""
+        block = Samples.of(samples)
+        timed = block.chosen(~np.isnan(block.device_time_s))
+        hosts_s = timed.first_byte_ns / 1e9
+        for host_s, offset_s in zip(hosts_s.tolist(), (hosts_s - timed.device_time_s).tolist(), strict=True):
+            if abs(offset_s - self._least) > _LEAP_S:
+                self._minima.clear()
+                self._begun_s = math.nan
+            if host_s - self._begun_s >= _WINDOW_S:
+                self._minima.append((self._begun_s + _WINDOW_S / 2, self._least))
+                self._late_s = self._most - self._least
+                self._begun_s = math.nan
+            if math.isnan(self._begun_s):
+                self._begun_s, self._least, self._most = host_s, offset_s, offset_s
+            self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
+
+    def state(self) -> ClockState | None:
+        """Return the state as of the last complete window; None before there is one."""
+        if not self._minima:
+            return None
+        return ClockState(self._minima[-1][1], _drift_ppm(self._minima), self._late_s)
+
+
+def _drift_ppm(minima: Iterable[tuple[float, float]]) -> float | None:
+    """Slope of the least-squares line; None for less than three points."""
+    points = list(minima)
+    if len(points) < 3:
+        return None
+    x0, y0 = statistics.fmean(x for x, _ in points), statistics.fmean(y for _, y in points)
+    rise = sum((x - x0) * (y - y0) for x, y in points)
+    return 1e6 * rise / sum((x - x0) ** 2 for x, _ in points)

@@ -8,8 +8,7 @@ from functools import partial
 
 from daq import feedback, gauges
 from daq.protocol.conversation import Host
-from daq.wire.links import DEAD_S, Link
-from daq.wire.opening import open_link
+from daq.wire.links import DEAD_S, Link, open_link
 from rigs.errors import CellError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback, columns_beside_joints
@@ -27,7 +26,7 @@ _PATIENCE = 3
 class Stream:
     """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
 
-    dead_s, listens, modem: see `daq.wire.opening.open_link`, which is what opens it unless `opening` is another.
+    dead_s, listens, modem: see `daq.wire.links.open_link`, which is what opens it unless `opening` is another.
     """
 
     name: str

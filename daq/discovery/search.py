@@ -22,11 +22,10 @@ from serial.tools import list_ports
 from daq import clock, gauges
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
-from daq.discovery.attempts import Attempt, Sends, attempts
-from daq.discovery.probing import Probing
+from daq.discovery.attempts import Attempt, Probing, Sends, attempts
 from daq.discovery.reports import FoundGauge, PortReport, evidence_of
+from daq.doctor.computer import examine_port
 from daq.doctor.finding import Verdict
-from daq.doctor.ports import examine_port
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host
 from daq.wire.serial_port import is_built_in, port_names

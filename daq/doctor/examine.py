@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.acquisition.streams import Stream, streams_of
-from daq.doctor.computer import examine_computer
+from daq.doctor.computer import examine_computer, examine_port
 from daq.doctor.finding import Finding, Verdict, doubtful, of_condition, ok, wrong
-from daq.doctor.ports import examine_port
 from daq.doctor.trial import examine_conversation
 from daq.service.client import Client, find_socket
 from rigs.errors import CellError

@@ -17,7 +17,7 @@ import socket
 from collections.abc import Callable
 
 from daq import clock
-from daq.emulators.slow_lines import LateLink
+from daq.emulators.pty_line import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation

@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from daq import clock
-from daq.acquisition.replay_marks import out_of_step_line
+from daq.acquisition.capture_writer import out_of_step_line
 from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
 from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer

@@ -25,19 +25,24 @@ from daq.protocol.opc_ua import (
     OPEN,
     Channel,
     Received,
+    Unreadable,
     chunks,
+    decoded,
+    type_of,
 )
-from daq.protocol.opc_ua_codec import Unreadable, decoded, type_of
-from daq.protocol.opc_ua_nodes import RobotNodes, Talk, Unfit, robot_nodes
-from daq.protocol.opc_ua_server import RobotServer
-from daq.protocol.opc_ua_session import (
+from daq.protocol.opc_ua_nodes import (
     Refused,
+    RobotNodes,
+    Talk,
+    Unfit,
     channel_request,
     hello,
     publish_request,
+    robot_nodes,
     session,
     subscribed,
 )
+from daq.protocol.opc_ua_server import RobotServer
 from daq.protocol.opc_ua_values import RobotValues
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import OPCUARobotics

@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
-from rigs.schema.serial_gauges import CDIIQ
+from rigs.schema.gauges import CDIIQ
 
 _END = b"\r\n"
 _REPLY = re.compile(rb"([+-][ \d.]{8}), (MM|IN)")

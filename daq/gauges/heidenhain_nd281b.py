@@ -18,7 +18,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines, Sized
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
-from rigs.schema.serial_gauges import HeidenhainND281B
+from rigs.schema.gauges import HeidenhainND281B
 
 _STX, _ENQ, _END = b"\x02", b"\x05", b"\r\n"
 _FIELDS = re.compile(rb"([+-] *\d+\.\d+) ([ \"?])[ <=>?]([ SAGD])")

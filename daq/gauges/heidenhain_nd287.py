@@ -20,8 +20,8 @@ from daq.protocol.conversation import Device, Fault, Host
 from daq.protocol.framing import Lines, Message
 from daq.protocol.polled import Polled, Reply
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown, wrong_unit
+from rigs.schema.gauges import HeidenhainND287
 from rigs.schema.probe import Units
-from rigs.schema.serial_gauges import HeidenhainND287
 
 _STX, _NAK, _NUL, _END = b"\x02", b"\x15", b"\0", b"\r\n"
 _DISPLAY, _POSITION, _IDENTITY, _ERROR = b"\x1bA0100", b"\x1bA0200", b"\x1bA0000", b"\x1bA0301"

@@ -23,7 +23,7 @@ from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled, Then
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, mm, shown
-from rigs.schema.serial_gauges import KeyenceDLRS1A
+from rigs.schema.gauges import KeyenceDLRS1A
 
 _END = b"\r\n"
 _NUMBER = re.compile(SIGNED)

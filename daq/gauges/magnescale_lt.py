@@ -18,8 +18,8 @@ from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
+from rigs.schema.gauges import MagnescaleLT
 from rigs.schema.probe import Probe
-from rigs.schema.serial_gauges import MagnescaleLT
 
 _END = b"\r\n"
 _REQUEST = b"R"

@@ -16,7 +16,7 @@ from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled
-from rigs.schema.serial_gauges import MagnescaleMG80
+from rigs.schema.gauges import MagnescaleMG80
 
 _END = b"\r\n"
 _LENGTH = 13

@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
-from rigs.schema.serial_gauges import MahrC1202
+from rigs.schema.gauges import MahrC1202
 
 _END = b"\r"
 _FEATURE = re.compile(rb"(?:([123]) )?(?:(ERR\d+)|(" + SIGNED + rb") ([A-Za-z]+)(?: [<=>]){0,2})")

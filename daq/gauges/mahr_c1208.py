@@ -17,7 +17,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, garbled, in_mm, mm
-from rigs.schema.serial_gauges import MahrC1208
+from rigs.schema.gauges import MahrC1208
 
 _NUMBER = rb"([+-]? *\d{1,7}\.\d{1,7})"
 _REPLY = {"optorsd": re.compile(_NUMBER + rb" ?([A-Za-z]+)"), "m1240": re.compile(rb"M1, *" + _NUMBER)}

@@ -26,7 +26,7 @@ from daq.protocol.framing import Lines, Message
 from daq.protocol.positions import Pace
 from daq.protocol.streamed import QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
-from rigs.schema.serial_gauges import MicroEpsilonILD1420
+from rigs.schema.gauges import MicroEpsilonILD1420
 
 _START = b"OUTPUT RS422\n"
 _LOW, _MIDDLE, _HIGH, _FURTHER = range(4)

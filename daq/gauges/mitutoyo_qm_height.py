@@ -13,7 +13,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, TextDialect, Trouble, garbled, in_mm
-from rigs.schema.serial_gauges import MitutoyoQMHeight
+from rigs.schema.gauges import MitutoyoQMHeight
 
 _LENGTH = 12
 _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}

@@ -37,7 +37,7 @@ from daq.protocol.texts import (
     mm,
     shown,
 )
-from rigs.schema.serial_gauges import SylvacOptoRS
+from rigs.schema.gauges import SylvacOptoRS
 
 _END = b"\r"
 _READING = re.compile(rb"([+\- ]\d{1,7}\.\d{1,7})[<=>]?")

@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
-from rigs.schema.serial_gauges import TesaTT
+from rigs.schema.gauges import TesaTT
 
 _END = b"\r\n"
 _WRITTEN = {b"mm": re.compile(rb"[+-]\d{4}\.\d\d"), b"um": re.compile(rb"[+-]\d{3}\.\d{3}")}

@@ -2,21 +2,198 @@
 
 A chunk begins with three letters, one more for whether others follow, and its size; then come the numbers of the
 channel, of its token, of the chunk and of the request, and the message itself or a part of it. asyncua makes the
-messages, `daq.protocol.opc_ua_codec` reads them.
+messages; they are read here.
+
+Messages are read from bytes as objects of asyncua's types (OPC 10000-6, 5.2).
+
+asyncua's decoder believes what a message claims: an array of 2^31 nulls, a matrix of a million elements or an array of
+texts of negative length, each in some twenty bytes, fills the memory. Here each length is held against the bytes that
+remain before anything is made of it. The fields of structures, and what reads numbers, texts, times and node ids, are
+asyncua's.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
-from typing import Any
+from enum import Enum
+from functools import cache
+from typing import Any, get_args
 
 from asyncua import ua
-from asyncua.ua.ua_binary import struct_to_binary
+from asyncua.ua.ua_binary import (
+    Primitives,
+    create_enum_deserializer,
+    get_safe_type_hints,
+    nodeid_from_binary,
+    struct_to_binary,
+)
+from asyncua.ua.uatypes import type_from_optional, type_is_list, type_is_optional
 
 from daq.protocol.framing import Sized
-from daq.protocol.opc_ua_codec import Bounded, Unreadable, decoded, structure
+
+ELEMENTS = 65_536
+"""Elements of all arrays of a message: six times the references that fit into it. An element may be one byte of the
+message and take 200 bytes of memory (a DataValue without a value)."""
+_IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
+"""Bits of a variant's first byte (OPC 10000-6, 5.2.2.16)."""
+_BINARY_BODY, _UNKNOWN_SIZE = 1, -1
+_UNREADABLE = (
+    ua.UaError,
+    struct.error,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+)
+"""What asyncua's types and readers raise at bytes that are no such message."""
+_EXTENSIONS = {
+    ua.typeid_by_extension_objects[kind]: kind
+    for kind in (
+        ua.DataChangeNotification,
+        ua.StatusChangeNotification,
+        ua.EUInformation,
+        ua.AnonymousIdentityToken,
+    )
+}
+"""The structures that are read where any may stand; others stay bytes."""
+
+
+class Unreadable(Exception):
+    """What came is no message of OPC UA, or not of this conversation."""
+
+
+class Bounded:
+    """Bytes that are read from their begin on, also by asyncua. No length is negative or more than there is."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+        self._elements = ELEMENTS
+
+    def __len__(self) -> int:
+        return len(self._data) - self._at
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes, so many."""
+        begin, self._at = self._at, self._at + size
+        if not begin <= self._at <= len(self._data):
+            raise ValueError(f"a length of {size} where {len(self._data) - begin} bytes remain")
+        return self._data[begin : self._at]
+
+    def elements(self) -> int:
+        """Read how many elements an array has; none where it is null. All but nulls take at least one byte each."""
+        claimed: int = Primitives.Int32.unpack(self)
+        if claimed > min(len(self), self._elements):
+            raise ValueError(f"an array of {claimed} elements in {len(self)} bytes")
+        count = max(0, claimed)
+        self._elements -= count
+        return count
+
+
+Reader = Callable[[Bounded], Any]
+
+
+def decoded(kind: type[Any], body: bytes) -> Any:
+    """Return a message as an object of asyncua's types. Raises Unreadable."""
+    return structure(kind, Bounded(body))
+
+
+def structure(kind: Any, data: Bounded) -> Any:
+    """Read a structure of asyncua's types. Raises Unreadable."""
+    size = len(data)
+    try:
+        return _reader(kind)(data)
+    except _UNREADABLE as error:
+        raise Unreadable(f"{size} bytes are no {kind.__name__}: {error}") from None
+
+
+def type_of(body: bytes) -> Any:
+    """Return the number of a message's type, as `TypeId.Identifier` of asyncua's types. Raises Unreadable."""
+    try:
+        return nodeid_from_binary(Bounded(body)).Identifier
+    except _UNREADABLE as error:
+        raise Unreadable(f"the type of a message: {error}") from None
+
+
+@cache
+def _reader(kind: Any) -> Reader:
+    """What reads values of a type that asyncua describes."""
+    if type_is_list(kind):
+        return _array_reader(_reader(*get_args(kind)))
+    if issubclass(kind, Enum):
+        return create_enum_deserializer(kind)  # type: ignore[no-any-return]
+    if hasattr(Primitives, kind.__name__):
+        return getattr(Primitives, kind.__name__).unpack  # type: ignore[no-any-return]
+    return _OTHERS.get(kind) or _structure_reader(kind)
+
+
+def _array_reader(element: Reader) -> Reader:
+    return lambda data: [element(data) for _ in range(data.elements())]
+
+
+def _structure_reader(kind: type[Any]) -> Reader:
+    """What reads one field after the other; those that may be absent have a bit each in the field `Encoding`."""
+    hints = get_safe_type_hints(kind, {"ua": ua})
+    parts, next_bit = list[tuple[str, int, Reader]](), 1
+    for field in fields(kind):
+        hint, bit = hints[field.name], 0
+        if type_is_optional(hint):
+            hint, bit, next_bit = type_from_optional(hint), next_bit, next_bit << 1
+        parts.append((field.name, bit, _reader(hint)))
+
+    def read(data: Bounded) -> Any:
+        values, present = dict[str, Any](), 0
+        for name, bit, reader in parts:
+            if name == "Encoding":
+                present = reader(data)
+            elif not bit or present & bit:
+                values[name] = reader(data)
+        return kind(**values)
+
+    return read
+
+
+def _variant(data: Bounded) -> Any:
+    """Read a value with its type. A matrix is left in one row: nothing that is read here is one."""
+    encoding = data.read(1)[0]
+    kind = ua.VariantType(encoding & _TYPE)
+    is_array = bool(encoding & _IS_ARRAY)
+    reader = _reader(getattr(ua, kind.name))
+    value = _array_reader(reader)(data) if is_array else reader(data)
+    if encoding & _HAS_DIMENSIONS:
+        _array_reader(Primitives.Int32.unpack)(data)
+    return ua.Variant(value, kind, is_array=is_array)
+
+
+def _extension_object(data: Bounded) -> Any:
+    """Read a structure that is of one of several types, as it says itself."""
+    type_id, encoding = nodeid_from_binary(data), data.read(1)[0]
+    kind = _EXTENSIONS.get(type_id)
+    if not encoding:
+        return ua.ExtensionObject(type_id)
+    size = Primitives.Int32.unpack(data)
+    if kind is None or encoding != _BINARY_BODY:
+        return ua.ExtensionObject(type_id, Body=data.read(max(0, size)))
+    before = len(data)
+    structure = _reader(kind)(data)
+    if size != _UNKNOWN_SIZE:
+        data.read(size - (before - len(data)))  # fields of a later version
+    return structure
+
+
+_OTHERS: dict[Any, Reader] = {
+    ua.NodeId: nodeid_from_binary,
+    ua.ExpandedNodeId: nodeid_from_binary,
+    ua.Variant: _variant,
+    ua.ExtensionObject: _extension_object,
+}
+"""What reads types that do not simply follow from their fields."""
+
 
 HELLO, ACKNOWLEDGE, ERROR, OPEN, MESSAGE, CLOSE = b"HEL", b"ACK", b"ERR", b"OPN", b"MSG", b"CLO"
 _PLAIN = (HELLO, ACKNOWLEDGE, ERROR)

@@ -1,6 +1,10 @@
 """A run from its request until it is closed: its label, what was put into it, and what is doubtful about that.
 
 A slow disk takes seconds to make its directory. What comes meanwhile is kept, and written as soon as there is one.
+
+The label of a recording: its name, its test, and who measures.
+
+Whether a recording can begin: every gauge that its test needs, and the robot, must have been read lately.
 """
 
 from __future__ import annotations
@@ -11,20 +15,54 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from daq import clock
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.plausibility import PlausibilityCheck
-from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of, size_of
 from daq.protocol.conversation import Fault, FaultKind, Item
-from daq.recording.label import Label
 from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
-from daq.store.manifest import load_manifest
-from daq.store.records import Ending
+from daq.store.ledger import Ending
+from daq.store.manifest import DrivenWith, Operator, Placement, ViewZero, load_manifest
 from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
+from rigs.schema.part import Direction, Part, TestName
+
+NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
+
+
+class Label(Part):
+    """What a person enters about a recording when it starts."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+    test: TestName
+    direction: Direction | None = None
+    operator: Operator = ""
+    placement: Placement = ""
+    corrected: DrivenWith = ""
+    view_zero_mm: ViewZero | None = None
+
+
+_FRESH_S = 3.0
+
+
+def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
+    """Raise CellError if a gauge that the test needs, or the robot, is missing or has no fresh reading."""
+    needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in ("yaw", "roll") else set())
+    for column in sorted(needed):
+        states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
+        name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
+        if not states:
+            raise CellError(name, f"the {test} test needs it, but the rig file has none", f"add gauges.{name}")
+        if states[0].age_s.get(column, 1e9) > _FRESH_S:
+            last = states[0].last_fault or "nothing was received"
+            stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
+            raise CellError(name, stale, "fix the cause, then start the recording again")
 
 
 def samples_in(items: Sequence[Item]) -> int:

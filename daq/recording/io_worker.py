@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from daq import clock
 from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
-from daq.store.room import keep_large_blocks_apart, load_all_of_arrow
+from daq.store.run_directory import keep_large_blocks_apart, load_all_of_arrow
 from daq.store.writer import Work
 
 _SYNC_S = 0.5

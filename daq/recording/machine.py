@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from daq.recording.label import Label
-from daq.store.records import Ending
+from daq.recording.active_run import Label
+from daq.store.ledger import Ending
 
 FIRST_PAUSE_S = 5.0
 """So long, since a disk that is full or fails needs somebody."""

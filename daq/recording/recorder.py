@@ -3,6 +3,8 @@
 What is to be done is decided by `daq.recording.machine`; here it is done. One lock guards state and runs, and one
 thread does the periodic work; the readers never take that lock, and its holder never waits for the disk to sync:
 other threads do (`daq.recording.io_worker`), also to begin a run and to bring one back.
+
+What the recorder reports: its state, and why it rejects a request.
 """
 
 from __future__ import annotations
@@ -19,17 +21,62 @@ from daq import clock
 from daq.acquisition.stream_buffer import PretriggerBuffer, StreamBuffer, faults_of
 from daq.protocol.conversation import Item
 from daq.recording import machine
-from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
+from daq.recording.active_run import ActiveRun, EndedRun, Gap, Label, require_readings, samples_in
 from daq.recording.io_worker import IoWorker
-from daq.recording.label import Label, require_readings
-from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
-from daq.recording.status import rejection, status_of
+from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, Running, State, Suspend, Waiting
 from daq.recording.warnings import HostWatch, Losses, RateLimitedLog
 from daq.store import NearlyFull, RunWriter
-from daq.store.records import Ending
+from daq.store.ledger import Ending
 from daq.store.run_directory import RunRemoved
 from rigs.errors import CellError, RigError
 from rigs.text import as_argument
+
+
+def status_of(
+    state: State,
+    run: ActiveRun | None,
+    gap: Gap | None,
+    last_end: str,
+    synced: Mapping[str, int],
+    *,
+    closing: bool,
+) -> dict[str, object]:
+    """Return what is being recorded and since when, or how the last recording ended.
+
+    run: takes what comes; gap: what is missed while a recording waits for the disk; synced: rows of each stream of a
+    device that are on the disk; closing: whether another run is not closed yet.
+    """
+    if run is None or run.writer is None or not isinstance(state.phase, Running):
+        gap = run.gap if run else gap
+        return {
+            "recording": None,
+            "beginning": run.label.name if run else None,
+            "closing": closing,
+            "last_end": last_end,
+            "waiting": state.recording.label.name if gap and state.recording else None,
+            "missed": dict(gap.missed) if gap else {},
+        }
+    return {
+        "recording": run.label.name,
+        "test": run.label.test,
+        "direction": run.label.direction,
+        "run": str(run.writer.path),
+        "seconds": round((clock.now_ns() - run.since_ns) / 1e9, 1),
+        "samples": {name: run.counters[name]["samples"] for name in synced},
+        "synced": dict(synced),
+    }
+
+
+def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
+    """Return the error for a request that the machine rejects in a state."""
+    if rejected.why == "running" and state.recording:
+        return CellError(f"recording {state.recording.label.name}", "already running", "stop it: rig record stop")
+    if rejected.why == "making":
+        problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
+        return CellError("disk", problem, "try again in some seconds; if it stays so, run rig doctor")
+    why = f" (the last one: {last_end})" if last_end else ""
+    return CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
+
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25

@@ -15,7 +15,7 @@ from pathlib import Path
 from daq import clock
 from daq.store.retention import RunInfo, clear, decide, delete, survey
 from rigs.errors import CellError, FileError
-from rigs.schema.recording_rules import Retention
+from rigs.schema.declared_tests import Retention
 
 log = logging.getLogger("rigd")
 _METRICS_S = 10.0

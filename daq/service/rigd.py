@@ -19,7 +19,7 @@ from typer.exceptions import TyperException
 from daq.service import journal
 from daq.service.daemon import Daemon
 from daq.service.trust import socket_directory
-from daq.store.records import Ending
+from daq.store.ledger import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import find, is_shipped, load

@@ -7,14 +7,14 @@ has one chunk, `table-0001.parquet`. `marks.json` says whether the run was expor
 """
 
 from daq.store.imported import table_run, write_table_run
+from daq.store.ledger import Chunk, Relabelling
 from daq.store.manifest import Manifest, load_manifest
 from daq.store.marks import mark_exported, mark_kept
-from daq.store.records import Chunk, Relabelling
 from daq.store.recover import Recovery, recover
 from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
-from daq.store.room import NearlyFull
 from daq.store.run import Run, is_unclosed, read_run
+from daq.store.run_directory import NearlyFull
 from daq.store.verify import Verdict, judge, verify
 from daq.store.writer import RunWriter
 

@@ -13,17 +13,14 @@ from pathlib import Path
 import pyarrow as pa
 
 from daq.store import durable
-from daq.store.chunk import to_parquet, with_opening
-from daq.store.ledger import Entry, Ledger
+from daq.store.chunk import FAULTS, TABLE, to_parquet, with_opening
+from daq.store.ledger import Entry, ImportedTable, Ledger, Relabelling, Seal, chunk_name, iso_now
 from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
-from daq.store.records import ImportedTable, Relabelling, Seal, chunk_name, iso_now
 from daq.store.run import Run
-from daq.store.run_directory import write_beside
-from daq.store.schema import FAULTS, TABLE
-from daq.store.staged import new_directory
+from daq.store.run_directory import new_directory, write_beside
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 
 
 def table_run(  # noqa: PLR0913 - what a manifest needs to know

@@ -19,12 +19,14 @@ import pyarrow as pa
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from daq.acquisition.host_clock import read_clocks
+from daq.store.chunk import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from daq.store.durable import replace
-from daq.store.ledger import LEDGER, Entry, read_ledger
-from daq.store.records import (
+from daq.store.ledger import (
+    LEDGER,
     Chunk,
     Clock,
     Count,
+    Entry,
     ExitStatus,
     ImportedTable,
     Name,
@@ -35,15 +37,14 @@ from daq.store.records import (
     iso_now,
     no_run,
     parse_chunk,
+    read_ledger,
     sha256,
     to_recover,
 )
-from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.distribution import version
 from rigs.errors import FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
-from rigs.schema.part import Length
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, Length, TestName
 
 MANIFEST = "manifest.json"
 """Written when a run begins, and again when it ends."""

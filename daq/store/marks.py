@@ -13,8 +13,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
+from daq.store.ledger import Text, first_error, iso_now
 from daq.store.manifest import load_manifest, unreadable
-from daq.store.records import Text, first_error, iso_now
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_bytes
 

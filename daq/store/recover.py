@@ -20,12 +20,25 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.chunk import MOST_BYTES, from_parquet, opening_in, salvage, with_opening
-from daq.store.ledger import LEDGER, Claim, Entry, Ledger, claim_in, lines_of, read_ledger
+from daq.store.chunk import FAULTS, MOST_BYTES, from_parquet, opening_in, salvage, with_opening
+from daq.store.ledger import (
+    BEING_RECORDED,
+    LEDGER,
+    Chunk,
+    Claim,
+    Entry,
+    Ledger,
+    Seal,
+    chunk_name,
+    claim_in,
+    lines_of,
+    no_run,
+    parse_chunk,
+    read_ledger,
+    sha256,
+)
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
-from daq.store.records import BEING_RECORDED, Chunk, Seal, chunk_name, no_run, parse_chunk, sha256
 from daq.store.run import left_over, read_chunk
-from daq.store.schema import FAULTS
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
 from rigs.files import read_bytes

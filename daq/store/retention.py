@@ -21,7 +21,7 @@ from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST, Manifest, is_run, load_manifest
 from daq.store.marks import Marks, load_marks
 from rigs.errors import FileError
-from rigs.schema.recording_rules import Retention
+from rigs.schema.declared_tests import Retention
 
 _DELETED = ".deleted"
 _DAY_S = 86400.0

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from daq.store.chunk import MOST_BYTES, from_parquet
+from daq.store.chunk import FAULTS, MOST_BYTES, TABLE, array_of, from_parquet, piece_of
 from daq.store.durable import TEMPORARY, is_locked
+from daq.store.ledger import BEING_RECORDED, Chunk, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
-from daq.store.records import BEING_RECORDED, Chunk, sha256, to_recover
-from daq.store.schema import FAULTS, TABLE, array_of, piece_of
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -28,7 +27,7 @@ class Run:
     """A recorded or imported run.
 
     streams: for each sample stream its columns by name, each an array of n rows in file units (the
-    fixed columns of `daq.store.schema`, then the values). faults: a row each, with at_ns, stream,
+    fixed columns of `daq.store.chunk`, then the values). faults: a row each, with at_ns, stream,
     kind, detail, count, sequence. table: what an imported run holds instead of streams, its columns
     and rows in the order of the file; None in a recorded run.
     """
@@ -97,7 +96,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     """
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
-    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.schema` says.
+    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.chunk` says.
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from daq import clock
 from daq.store import is_unclosed, recover
+from daq.store.ledger import parse_chunk
 from daq.store.manifest import MANIFEST
-from daq.store.records import parse_chunk
 from rigs.errors import RigError
 
 log = logging.getLogger("rigd")

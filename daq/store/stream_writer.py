@@ -21,9 +21,8 @@ import pyarrow as pa
 from daq import clock
 from daq.protocol.conversation import Samples
 from daq.store import durable
-from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
-from daq.store.records import Chunk, chunk_name, sha256
-from daq.store.schema import FAULTS, TABLE, Row, batch_of
+from daq.store.chunk import END, FAULTS, TABLE, Row, Salvage, batch_of, frame, head, salvage, table_of, to_parquet
+from daq.store.ledger import Chunk, chunk_name, sha256
 
 
 @dataclass

@@ -11,12 +11,11 @@ import numpy as np
 import pyarrow as pa
 
 from daq.store import durable
-from daq.store.ledger import LEDGER, Verified, read_ledger
+from daq.store.chunk import FAULTS, TABLE
+from daq.store.ledger import BEING_RECORDED, LEDGER, Verified, read_ledger, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
-from daq.store.records import BEING_RECORDED, sha256, to_recover
 from daq.store.run import left_over, read_chunk
-from daq.store.schema import FAULTS, TABLE
 from rigs.calibration import CALIBRATION, MOST_CALIBRATION_BYTES
 from rigs.errors import FileError
 from rigs.files import read_bytes

@@ -22,16 +22,20 @@ import pyarrow as pa
 from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
-from daq.store.chunk import with_opening
-from daq.store.ledger import Entry, Ledger
+from daq.store.chunk import FAULTS, schema_of, with_opening
+from daq.store.ledger import Clock, Ending, Entry, Ledger, Seal, iso_now
 from daq.store.manifest import DrivenWith, Manifest, ViewZero, clock_now, new_manifest
-from daq.store.records import Clock, Ending, Seal, iso_now
-from daq.store.room import MARGIN_BYTES, give_back, require_room
-from daq.store.run_directory import RunRemoved, create_run_directory, require_files
-from daq.store.schema import FAULTS, schema_of
+from daq.store.run_directory import (
+    MARGIN_BYTES,
+    RunRemoved,
+    create_run_directory,
+    give_back,
+    require_files,
+    require_room,
+)
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000

@@ -13,10 +13,10 @@ from pathlib import Path
 from pydantic import Field, ValidationError, model_validator
 
 from rigs.errors import FileError
-from rigs.names import nearest, the_same
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
+from rigs.text import nearest, the_same
 from rigs.yaml_text import read_yaml
 
 _FOLDER = Path(__file__).parent

@@ -25,8 +25,7 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
-from rigs.schema.play import plays
-from rigs.schema.scene import S
+from rigs.schema.scene import S, plays
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0

@@ -15,8 +15,7 @@ from rigs.schema.effect import (
     at_each_gauge,
     size,
 )
-from rigs.schema.play import play
-from rigs.schema.scene import S
+from rigs.schema.scene import S, play
 
 
 class GaugeDeadBand(Effect):

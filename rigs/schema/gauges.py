@@ -2,36 +2,285 @@
 
 `interface` is the name of the file in `daq/gauges/` that speaks to it.
 Gauges that name the same port share one instrument, and differ in `channel`; or a line, where each is asked by itself.
+
+Gauges on a serial line, one class an interface: what of them is set, and why they are believed to speak so.
+
+A line without a default could not be confirmed: the rig file must give it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from rigs.plugins import extended
+from rigs.schema.links import Line, ModemLines
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
-from rigs.schema.part import Part
-from rigs.schema.probe import Probe
-from rigs.schema.serial_gauges import (
-    CDIIQ,
-    HeidenhainND281B,
-    HeidenhainND287,
-    KeyenceDLRS1A,
-    MagnescaleLT,
-    MagnescaleMG80,
-    MahrC1202,
-    MahrC1208,
-    MicroEpsilonILD1420,
-    MitutoyoQMHeight,
-    MitutoyoUSB,
-    SylvacOptoRS,
-    TesaTT,
-)
-from rigs.schema.vocabulary import FURTHER
+from rigs.schema.part import FURTHER, Origin, Part
+from rigs.schema.probe import Probe, Timing
+
+
+class SylvacOptoRS(Probe):
+    """Sylvac simplex or duplex cable, and what speaks like it."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Sylvac simplex and duplex cables (Opto-RS)",
+        source="maker's manuals; modem lines: Sylvac Opto instruments, user manual p. 12-13",
+        standing="confirmed",
+        doubts="that OUT0 and OUT1 are not answered; of simplex cables how long DTR must be on between two requests, "
+        "and when the reading is taken",
+    )
+    cables: ClassVar[dict[str, ModemLines]] = {
+        "duplex": ModemLines(dtr=True, rts=False),
+        "simplex": ModemLines(dtr=True, rts=True),
+    }
+
+    request_bytes = 2
+    interface: Literal["sylvac_opto_rs"]
+    line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
+    mode: Literal["polled", "continuous"] = "polled"
+    cable: Literal["duplex", "simplex"] = "duplex"
+    """A simplex cable ignores commands, and is asked by DTR off for 120 ms; some four readings a second."""
+
+    @property
+    def modem(self) -> ModemLines:
+        """The lines that supply the cable."""
+        return self.cables[self.cable]
+
+    @model_validator(mode="after")
+    def _timed_as_it_sends(self) -> SylvacOptoRS:
+        if self.mode == "continuous" and self.cable == "simplex":
+            raise ValueError("a simplex cable hears no command to send continuously; write mode: polled")
+        if self.mode == "continuous":
+            self.timing.require_unasked()
+        return self
+
+
+class TesaTT(Probe):
+    """TESA TT80, TT90."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="TESA TT80, TT90",
+        source="maker's manual p. 94",
+        standing="confirmed",
+        doubts="the unit is known by the number of decimals only (mm 2, µm 3); what ERR23 means",
+    )
+
+    request_bytes = 2
+    interface: Literal["tesa_tt"]
+    line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
+    units: Literal["mm", "um"] = "mm"
+
+
+class MahrC1202(Probe):
+    """Mahr Millimar C1202: up to three features, `channel` says which; two gauges may share it."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Mahr Millimar C1202",
+        source="maker's manual p. 82",
+        standing="confirmed",
+    )
+    shares: ClassVar[bool] = True
+
+    request_bytes = 2
+    interface: Literal["mahr_c1202"]
+    line: Line = Line(baud=9600, bits=7, parity="E", stop=2)
+    channel: int = Field(default=1, ge=1, le=3)
+
+
+class MahrC1208(Probe):
+    """Mahr Millimar C1208, C1216, C1240, in the protocol set in its menu."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Mahr Millimar C1208, C1216, C1240",
+        source="maker's manual p. 67-70",
+        standing="confirmed",
+        doubts="line settings; M1240 does not send its unit: `units` must be that of its display",
+    )
+
+    request_bytes = 2
+    interface: Literal["mahr_c1208"]
+    line: Line
+    protocol: Literal["optorsd", "m1240"] = "optorsd"
+    """OPTORSD asks with `?` (OPTORSS too), M1240 with `M`."""
+
+
+class HeidenhainND281B(Probe):
+    """Heidenhain ND 281 B."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Heidenhain ND 281 B",
+        source="maker's manual p. 39-42 (p. 47 of version 2)",
+        standing="confirmed",
+        doubts="9600 is its example, any baud can be set; that the sign comes on top of the 10 characters",
+    )
+
+    timing_source = "maker's manual, version 1, p. 42: stored within 1 ms of the request, sent within 50 ms"
+    interface: Literal["heidenhain_nd281b"]
+    line: Line = Line(baud=9600, bits=7, parity="E", stop=2)
+    units: Literal["mm", "inch"] = "mm"
+    timing: Timing = Timing(latch="on_request", latched_within_ms=1.0)
+
+
+class HeidenhainND287(Probe):
+    """Heidenhain ND 287, read from its display."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Heidenhain ND 287",
+        source="maker's manual p. 102-108; public driver (status bar)",
+        standing="confirmed",
+        doubts="baud; the unit is not sent with a reading: it is taken from the status bar (`ESC A0800`), whose form "
+        "is that of a public driver; how a positive sign shows",
+    )
+
+    request_bytes = 7
+    interface: Literal["heidenhain_nd287"]
+    line: Line
+    units: Literal["mm", "inch"] = "mm"
+
+
+class KeyenceDLRS1A(Probe):
+    """Keyence GT2 heads behind a DL-RS1A: every head in one answer."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Keyence DL-RS1A with GT2 heads",
+        source="seen on a wire; DL-RS1A/GT2 manual p. 14; public code",
+        standing="confirmed",
+        doubts="default baud (9600 and 38400 seen); errors 65-67, and the number shown out of range, are those of "
+        "other amplifiers",
+    )
+    shares: ClassVar[bool] = True
+
+    request_bytes = 4
+    timing_source = (
+        "DL-RS1A manuals: M0 reads a buffer that is filled periodically, within 7 ms for one amplifier and 9 ms for "
+        "two (GT-70A edition p. 15; the figure for GT2 was not found)"
+    )
+    interface: Literal["keyence_dl_rs1a"]
+    line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
+    channel: int = Field(default=1, ge=1, le=32)
+    timing: Timing = Timing(latch="own_cycle", cycle_ms=9.0)
+
+
+class MagnescaleLT(Probe):
+    """Magnescale LT20A or LT30: channel 1 is its A, 2 its B; two gauges may share it."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Magnescale LT20A, LT30",
+        source="replies: LT20A/LT30 manual p. 100-101; request: LT10A/LT11A manual p. 43",
+        standing="weak",
+        doubts="line settings; the request `R` and CR LF are those of the sister series LT10A; its normal output "
+        "does not send its unit: `units` must be that of its display",
+    )
+    shares: ClassVar[bool] = True
+
+    interface: Literal["magnescale_lt"]
+    line: Line
+    channel: int = Field(default=1, ge=1, le=2)
+    units: Literal["mm", "inch"] = "mm"
+
+
+class MagnescaleMG80(Probe):
+    """Magnescale MG80-SC."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Magnescale MG80-SC",
+        source="replies: maker's manual p. 39",
+        standing="unconfirmed",
+        doubts="line settings and the request, which the rig file must give; CR LF; the mode letters are the LT20A's",
+    )
+
+    interface: Literal["magnescale_mg80"]
+    line: Line
+    units: Literal["mm", "inch"] = "mm"
+    address: str = Field(pattern=r"^[0-9A-Za-z]{2}$")
+    """Module and counter, as a reply begins with them."""
+    request: str = Field(pattern=r"^[ -~]{1,40}$")
+    """What asks for that counter's value, without CR LF."""
+
+
+class MitutoyoUSB(Probe):
+    """Mitutoyo gauges that show as a virtual COM port, USB id 0fe7:4001."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Mitutoyo USB virtual COM port (0fe7:4001)",
+        source="public code",
+        standing="confirmed",
+        doubts="8N1; what the error numbers mean; the unit is not sent: `units` must be that of its display",
+    )
+
+    request_bytes = 2
+    interface: Literal["mitutoyo_usb"]
+    line: Line = Line(baud=115200, bits=8, parity="N", stop=1)
+    units: Literal["mm", "inch"] = "mm"
+
+
+class MitutoyoQMHeight(Probe):
+    """Mitutoyo QM-Height on its USB port."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Mitutoyo QM-Height",
+        source="reply: maker's manual p. 73 (p. 61 of the print)",
+        standing="unconfirmed",
+        doubts="that the request `1` of the virtual COM port is understood; errors as there",
+    )
+
+    request_bytes = 2
+    interface: Literal["mitutoyo_qm_height"]
+    line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
+    units: Literal["mm", "inch"] = "mm"
+
+
+class CDIIQ(Probe):
+    """CDI and Starrett IQ indicators, over USB or RS-232."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="CDI Logic, Starrett IQ",
+        source="maker's pages (CDI, USB and RS232 protocol; Starrett IQ manual p. 17)",
+        standing="confirmed",
+    )
+
+    request_bytes = 2
+    interface: Literal["cdi_iq"]
+    line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
+    units: Literal["mm", "inch"] = "mm"
+
+
+class MicroEpsilonILD1420(Probe):
+    """Micro-Epsilon optoNCDT 1420 on RS-422: it streams, and all its readings are mm."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Micro-Epsilon optoNCDT 1420 (ILD1420)",
+        source="maker's manual p. 65, 84, 108",
+        standing="confirmed",
+        doubts="error codes from 262075 on; that a command ends in LF",
+    )
+
+    timing_source = (
+        "maker's manual p. 57-59: it averages up to 128 values, as is set in the sensor; state the delay of that as "
+        "filter_ms"
+    )
+    interface: Literal["micro_epsilon_ild1420"]
+    line: Line = Line(baud=921600, bits=8, parity="N", stop=1)
+    units: Literal["mm"] = "mm"
+    range_mm: float = Field(gt=0, le=1000)  # type: ignore[assignment]  # its length says it all: it begins at 0
+    """Its measuring range: 10, 25, 50, 100, 200 or 500."""
+    zero_mm: float = Field(default=0.0, ge=0, le=1000)
+    """The distance that reads as zero, from the start of the measuring range."""
+    timing: Timing = Timing(latch="streamed")
+
+    @property
+    def limits_mm(self) -> None:
+        """None: a number that it sends is either within its range or an error."""
+
+    @model_validator(mode="after")
+    def _timed_as_it_sends(self) -> MicroEpsilonILD1420:
+        self.timing.require_unasked()
+        return self
+
 
 Gauge = Annotated[
     SylvacOptoRS

@@ -21,8 +21,7 @@ import analysis.files.read
 from analysis import cli
 from analysis.files.read import read_file
 from daq.store import RunWriter, chunk, read_run, recover, verify
-from daq.store.chunk import from_parquet, salvage
-from daq.store.schema import FAULTS, schema_of
+from daq.store.chunk import FAULTS, from_parquet, salvage, schema_of
 from rigs.errors import CellError, FileError
 from rigs.load import load
 from tests.support.command_line import ended, ran

@@ -19,9 +19,8 @@ from rigs.schema.feedback import (
     OPCUARobotics,
     ROS2JointStates,
 )
-from rigs.schema.gauges import Gauge
+from rigs.schema.gauges import Gauge, KeyenceDLRS1A, SylvacOptoRS
 from rigs.schema.modbus import ModbusMap
-from rigs.schema.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
 
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 

@@ -19,7 +19,7 @@ from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.positions import Pace
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.service.client import Client

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from analysis.api import Result
 from rigs.rig import Rig
-from rigs.schema.certificate import Certificate
+from rigs.schema.probe import Certificate
 
 
 @dataclass(frozen=True)

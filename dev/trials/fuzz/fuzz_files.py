@@ -15,7 +15,7 @@ from random import Random
 
 from analysis.files.read import read_file
 from daq.store import read_run, recover, verify
-from daq.store.records import sha256
+from daq.store.ledger import sha256
 from dev.trials.fuzz.mutation import mutated
 from rigs.errors import RigError
 from rigs.load import SHIPPED, load, load_hidden

@@ -16,7 +16,7 @@ import daq.gauges
 from daq.protocol.conversation import Conversation, Device, Item, Sample, Step
 from daq.protocol.framing import LIMIT
 from daq.protocol.websocket import LIMIT as WEBSOCKET_LIMIT
-from daq.store.schema import batch_of, schema_of
+from daq.store.chunk import batch_of, schema_of
 from dev.trials.fuzz.mutation import mutated
 from rigs.schema.feedback import carries_signal, columns_beside_joints
 from tests.support.drivers import FEEDBACKS, GAUGES

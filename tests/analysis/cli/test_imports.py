@@ -29,7 +29,7 @@ READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
 OURS = {"analysis", "rigs"}
 WORDS = {
     *("analysis", "analysis.batch", "analysis.batch.outcomes", "analysis.traces", "analysis.traces.table_layout"),
-    *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.vocabulary"),
+    *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
     *("rigs.signals", "rigs.text"),
 }
 """What every command imports of rig: the words that its options take, its errors, its outcomes."""

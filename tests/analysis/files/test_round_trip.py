@@ -21,10 +21,10 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import measured_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
 from daq.store import load_manifest, read_run, recover, verify
-from daq.store.records import sha256
+from daq.store.ledger import sha256
 from rigs.errors import CellError, FileError
 from rigs.load import load
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.part import Direction, TestName
 from rigs.text import plain_lines
 from tests.support.command_line import ran
 from tests.support.table_cases import JOINTS, RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of, texts

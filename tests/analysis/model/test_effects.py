@@ -35,8 +35,7 @@ from rigs.effects import (
 )
 from rigs.load import load, load_hidden
 from rigs.schema.effect import identity, is_play, is_wave
-from rigs.schema.play import play
-from rigs.schema.scene import STAGES
+from rigs.schema.scene import STAGES, play
 
 RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
 UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 0, 201)]))

@@ -14,11 +14,11 @@ import daq.store.writer
 from daq.acquisition.host_clock import HOST, ClockReadings, HostClockMonitor, read_clocks
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
-from daq.store.records import Clock
+from daq.store.ledger import Clock
 
 S = 1_000_000_000
 START = ClockReadings(100 * S, 1_800_000_000 * S, 150 * S)

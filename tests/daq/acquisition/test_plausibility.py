@@ -13,7 +13,7 @@ import daq.gauges
 from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, PlausibilityCheck
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run

@@ -23,8 +23,7 @@ from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.simulated.clock import SimulatedClock
 from daq.store import Run, read_run
-from daq.wire.links import Link, LinkLost
-from daq.wire.opening import open_link
+from daq.wire.links import Link, LinkLost, open_link
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from daq.discovery.attempts import attempts, missing_keys, named_attempts
-from daq.discovery.probing import Probing
+from daq.discovery.attempts import Probing, attempts, missing_keys, named_attempts
 from daq.discovery.search import host_of
 from rigs.interfaces import known
 from tests.support.simulated_conversation import Script

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from daq.discovery.lines import layout_of
+from daq.discovery.robots import layout_of
 from daq.protocol.conversation import Arrival
 
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))

@@ -23,8 +23,7 @@ from daq.acquisition.streams import Stream, streams_of
 from daq.discovery import PortReport, Wanted, Watch, named_attempts, ports_here, search
 from daq.discovery.attempts import Attempt, attempts
 from daq.emulators.instruments import instruments_of
-from daq.emulators.pty_line import PtyLine
-from daq.emulators.slow_lines import heard
+from daq.emulators.pty_line import PtyLine, heard
 from daq.protocol.conversation import Device
 from daq.simulated.cell import SimulatedLine
 from daq.simulated.clock import SimulatedClock

@@ -19,15 +19,14 @@ import yaml
 
 from daq import gauges
 from daq.acquisition.streams import Stream, streams_of
-from daq.doctor import Finding, Verdict, computer, examine, ports, trial
+from daq.doctor import Finding, Verdict, computer, examine, trial
 from daq.doctor.examine import of_daemon
 from daq.emulators import emulated
 from daq.emulators.network_ports import TcpPort
-from daq.emulators.pty_line import PtyLine
-from daq.emulators.slow_lines import heard
+from daq.emulators.pty_line import PtyLine, heard
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
 from daq.service.client import Client
-from daq.wire.opening import open_link
+from daq.wire.links import open_link
 from daq.wire.session import ByteLink
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
@@ -52,42 +51,42 @@ def system(tmp_path: Path) -> Path:
 
 
 def test_a_port_that_is_not_there(system: Path) -> None:
-    (finding,) = ports.examine_port("g1", "/dev/ttyUSB1", system, served=False)
+    (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
     assert finding.verdict is WRONG and finding.remedy.endswith(f"ports here: {FTDI}")
     (system / FTDI[1:]).unlink()
     (system / "dev/ttyUSB0").unlink()
-    assert ports.present("g1", FTDI, system).remedy.endswith("ports here: none")
+    assert computer.present("g1", FTDI, system).remedy.endswith("ports here: none")
 
 
 def test_a_name_that_changes_with_the_order_of_plugging_in(system: Path) -> None:
-    assert ports.lasting("g1", FTDI, system) is None
-    finding = ports.lasting("g1", "/dev/ttyUSB0", system)
+    assert computer.lasting("g1", FTDI, system) is None
+    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
     assert finding and finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
     (system / "dev/rig").mkdir()
     (system / "dev/rig/A900XYZ-00").symlink_to("../ttyUSB0")
-    finding = ports.lasting("g1", "/dev/ttyUSB0", system)
+    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
     assert finding and finding.remedy == "write port: /dev/rig/A900XYZ-00"
 
 
 def test_a_port_that_another_program_holds(system: Path) -> None:
-    assert ports.free("g1", FTDI, system) is None
+    assert computer.free("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
-    finding = ports.free("g1", FTDI, system)
+    finding = computer.free("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "held by ModemManager (process 77)" in finding.what
     assert finding.remedy == "end it: sudo systemctl disable --now ModemManager"
     (system / "proc/77/comm").write_text("picocom\n")
-    finding = ports.free("g1", FTDI, system)
+    finding = computer.free("g1", FTDI, system)
     assert finding and finding.remedy == "end it: sudo kill 77"
-    assert WRONG not in {f.verdict for f in ports.examine_port("g1", FTDI, system, served=True)}, "rigd may hold it"
+    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}, "rigd may hold it"
 
 
 def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
-    finding = ports.allowed("g1", FTDI, system)
+    finding = computer.allowed("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "usermod -aG" in finding.remedy
     monkeypatch.setattr(os, "access", lambda *_: True)
     group = grp.getgrgid((system / "dev/ttyUSB0").stat().st_gid).gr_name
-    finding = ports.allowed("g1", FTDI, system)
+    finding = computer.allowed("g1", FTDI, system)
     if group != "dialout":
         assert finding and finding.verdict is DOUBTFUL and f"belongs to the group {group} with mode" in finding.what
 
@@ -95,7 +94,7 @@ def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
 def test_the_latency_timer(system: Path, ms: str, verdict: Verdict | None) -> None:
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
-    finding = ports.quick("g1", FTDI, system)
+    finding = computer.quick("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
 
 

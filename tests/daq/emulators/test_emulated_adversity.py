@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 import daq.feedback
 from daq.emulators import Adversity, emulated
-from daq.emulators.pty_line import PtyLine
-from daq.emulators.slow_lines import LateLink, LatencyTimer
+from daq.emulators.pty_line import LateLink, LatencyTimer, PtyLine
 from daq.emulators.timed import OwnClock, OwnCycle, Unsteady, timed_read
 from daq.protocol.conversation import Item, Sample
-from daq.wire.opening import open_link
+from daq.wire.links import open_link
 from daq.wire.session import run_conversation
 from rigs.load import load
 from rigs.schema.feedback import URRTDE

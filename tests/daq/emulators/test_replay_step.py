@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.acquisition.replay_marks import ReplayMarks, out_of_step_line
+from daq.acquisition.capture_writer import ReplayMarks, out_of_step_line
 from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.emulators.replay import ReplayedStream
 from daq.emulators.timebase import Steps, Timebase

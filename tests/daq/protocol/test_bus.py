@@ -18,7 +18,7 @@ from daq.acquisition.stream_buffer import samples_of
 from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
 from daq.protocol.modbus import silent_interval_ns
-from daq.wire.opening import open_link
+from daq.wire.links import open_link
 from daq.wire.session import run_conversation
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap

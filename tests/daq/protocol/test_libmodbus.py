@@ -20,7 +20,7 @@ import pytest
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
-from daq.wire.opening import open_link
+from daq.wire.links import open_link
 from daq.wire.session import run_conversation
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap

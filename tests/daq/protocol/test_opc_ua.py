@@ -18,12 +18,10 @@ from asyncua import ua
 
 import daq.feedback
 from daq.protocol.conversation import NO_TIME, FaultKind, Item, Step
-from daq.protocol.opc_ua import OPEN
-from daq.protocol.opc_ua_codec import decoded, type_of
+from daq.protocol.opc_ua import OPEN, decoded, type_of
 from daq.protocol.opc_ua_nodes import CELSIUS, DEGREE
-from daq.protocol.opc_ua_server import RobotServer
-from daq.protocol.opc_ua_space import Space, robot_space
-from daq.wire.opening import open_link
+from daq.protocol.opc_ua_server import RobotServer, Space, robot_space
+from daq.wire.links import open_link
 from daq.wire.session import run_conversation
 from rigs.schema.feedback import OPCUARobotics
 from rigs.schema.links import Line

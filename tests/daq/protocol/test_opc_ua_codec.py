@@ -19,8 +19,7 @@ from asyncua.ua.ua_binary import struct_from_binary, struct_to_binary
 
 import daq.feedback
 from daq.protocol.conversation import FaultKind
-from daq.protocol.opc_ua import ACKNOWLEDGE, CHUNK, CHUNKS, LIMIT, MESSAGE, Channel
-from daq.protocol.opc_ua_codec import ELEMENTS, Unreadable, decoded
+from daq.protocol.opc_ua import ACKNOWLEDGE, CHUNK, CHUNKS, ELEMENTS, LIMIT, MESSAGE, Channel, Unreadable, decoded
 from tests.daq.protocol.test_opc_ua_messages import ByHand
 from tests.support.drivers import opc_ua
 from tests.support.opc_ua_chunks import faults, requests_in

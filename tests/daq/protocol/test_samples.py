@@ -23,7 +23,7 @@ from daq.protocol.conversation import (
     Samples,
     packed,
 )
-from rigs.schema.serial_gauges import MicroEpsilonILD1420
+from rigs.schema.gauges import MicroEpsilonILD1420
 
 GAUGE = MicroEpsilonILD1420.model_validate(
     {"interface": "micro_epsilon_ild1420", "port": "/dev/x", "range_mm": 10, "offset_mm": 25, "accuracy_mm": 0.01}

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.traces.recording_rule import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import StartRun, StopRun, Trigger
+from daq.recording.automatic import StartRun, StopRun, Trigger
 from daq.store import RunWriter, read_run
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
-from rigs.schema.recording_rules import Automatic
+from rigs.schema.declared_tests import Automatic
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text()
 SIGNAL = "  rate_hz: 500\n  signal: {outputs: [0, 1]}\n"

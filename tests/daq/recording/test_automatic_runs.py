@@ -16,8 +16,8 @@ import yaml
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.arbiter import Arbiter
-from daq.recording.label import Label
+from daq.recording.active_run import Label
+from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError

@@ -22,7 +22,7 @@ import daq.recording.warnings
 from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import Recording, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import (
     FIRST_PAUSE_S,
     LONGEST_PAUSE_S,

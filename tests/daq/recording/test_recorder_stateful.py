@@ -25,7 +25,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 import daq.recording.io_worker
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.recording.machine import Beginning, Recording, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, load_manifest, read_run, recover, verify

@@ -9,8 +9,8 @@ import pytest
 
 from daq.acquisition.stream_buffer import PretriggerBuffer, samples_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import Command, StartRun, StopRun, Trigger
-from rigs.schema.recording_rules import Rule
+from daq.recording.automatic import Command, StartRun, StopRun, Trigger
+from rigs.schema.declared_tests import Rule
 
 S = 1_000_000_000
 HOME = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)

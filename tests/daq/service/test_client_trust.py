@@ -225,7 +225,7 @@ def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Pa
 
 
 def lock(path: Path) -> None:
-    from daq.service.instance_lock import InstanceLock  # noqa: PLC0415 - where it is in this version
+    from daq.service.trust import InstanceLock  # noqa: PLC0415 - where it is in this version
 
     InstanceLock.take("cell", path).release()
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import daq.service.client
-from daq.recording.label import Label
+from daq.recording.active_run import Label
 from daq.service.client import Client, find_socket
 from daq.service.control import ControlServer, reply
-from daq.service.instance_lock import InstanceLock
+from daq.service.trust import InstanceLock
 from daq.store import RunWriter, load_manifest
 from rigs.errors import CellError
 

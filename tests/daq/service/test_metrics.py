@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.acquisition.clock_drift import DriftMonitor
+from daq.acquisition.host_clock import DriftMonitor
 from daq.protocol.conversation import NO_TIME, FaultKind, Sample
 from daq.service.exposition import Metric, render
 from daq.service.maintenance import Maintenance, write_atomically

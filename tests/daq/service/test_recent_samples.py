@@ -13,7 +13,7 @@ from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, Samples
 from daq.service.answers import LONGEST_ANSWER, read_answer
 from daq.service.client import Client
-from daq.service.recent_samples import MOST, recent_samples
+from daq.service.daemon import MOST, recent_samples
 from rigs.errors import CellError
 from tests.support.bench import Bench
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.service import trust
-from daq.service.instance_lock import InstanceLock
-from daq.service.trust import may_use, tcp_user
+from daq.service.trust import InstanceLock, may_use, tcp_user
 from rigs.errors import CellError
 
 TABLE = """\

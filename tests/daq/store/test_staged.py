@@ -8,12 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from daq.store.staged import files_into, new_directory
+from daq.store.run_directory import files_into, new_directory
 
 FILLS = """
 import sys, time
 from pathlib import Path
-from daq.store.staged import new_directory
+from daq.store.run_directory import new_directory
 with new_directory(Path(sys.argv[1])) as made:
     (made / "half").write_text("half")
     print("filled", flush=True)

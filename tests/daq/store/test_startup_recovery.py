@@ -15,7 +15,7 @@ import pytest
 
 from daq.protocol.conversation import Sample
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
-from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES
+from daq.store.run_directory import MARGIN_BYTES, TO_BEGIN_BYTES
 from daq.store.startup_recovery import StartupRecovery
 from tests.support.bench import PATIENCE_S, Bench, rig_text
 

@@ -9,16 +9,19 @@ from hypothesis import strategies as st
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store.chunk import (
     END,
+    FAULTS,
+    batch_of,
+    checksum,
     frame,
     from_parquet,
     head,
     opening_in,
     salvage,
+    schema_of,
     table_of,
     to_parquet,
     with_opening,
 )
-from daq.store.schema import FAULTS, batch_of, checksum, schema_of
 from tests.support.store_cases import bits, fault, samples
 
 PLAIN = schema_of("g1", ("g1_mm",))

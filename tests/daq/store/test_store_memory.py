@@ -10,7 +10,7 @@ import pytest
 
 MAPPED = """
 import ctypes
-from daq.store.room import keep_large_blocks_apart
+from daq.store.run_directory import keep_large_blocks_apart
 
 class Info(ctypes.Structure):
     _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks".split()]

@@ -17,7 +17,7 @@ from daq.store import durable, mark_exported, mark_kept, survey, verify
 from daq.store.marks import MARKS, Export, Marks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
 from rigs.errors import CellError, FileError
-from rigs.schema.recording_rules import Retention
+from rigs.schema.declared_tests import Retention
 from tests.support.store_cases import finished, record
 
 DAY_S = 86400.0

@@ -13,7 +13,7 @@ import daq.store.run_directory
 import daq.store.writer
 from daq.protocol.conversation import Sample
 from daq.store import NearlyFull, RunWriter, load_manifest, read_run, verify
-from daq.store.room import MARGIN_BYTES
+from daq.store.run_directory import MARGIN_BYTES
 from tests.support.powercut import BLOCK, watched
 from tests.support.store_cases import assert_holds, record, samples, start, sync
 

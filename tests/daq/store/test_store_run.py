@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, recover, verify
-from daq.store.records import sha256
+from daq.store.ledger import sha256
 from rigs.errors import FileError
 from tests.support.store_cases import (
     RIG_TEXT,

@@ -18,8 +18,7 @@ from daq.doctor import trial
 from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample, Step
 from daq.wire import links, serial_port
-from daq.wire.links import SerialLink
-from daq.wire.opening import open_link
+from daq.wire.links import SerialLink, open_link
 from daq.wire.session import run_conversation
 from rigs.interfaces import known
 from rigs.load import SHIPPED, parse

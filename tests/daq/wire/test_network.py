@@ -20,8 +20,7 @@ from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
-from daq.wire.links import LinkLost
-from daq.wire.opening import open_link
+from daq.wire.links import LinkLost, open_link
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line
