@@ -111,4 +111,4 @@ class Area:
     def columns(self, *widths: int) -> list[Area]:
         """Return rectangles beside each other."""
         lefts = [sum(widths[:k]) for k in range(len(widths))]
-        return [self.part(0, left, width, self.height) for left, width in zip(lefts, widths, strict=True)]
+        return [self.part(0, column, width, self.height) for column, width in zip(lefts, widths, strict=True)]

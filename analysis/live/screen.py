@@ -80,12 +80,12 @@ def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool)
         top = 2
     else:
         top = 1
-    rest = right.part(top, 0, right.width, right.height - top)
+    below = right.part(top, 0, right.width, right.height - top)
     straight = area.width >= _STRAIGHT
-    joints, others = rest.rows(7, rest.height - 7)
+    joints, others = below.rows(7, below.height - 7)
     if straight:
-        left, plot = rest.columns(min(66, rest.width // 2), rest.width - min(66, rest.width // 2))
-        joints, others = left.rows(7, left.height - 7)
+        column, plot = below.columns(min(66, below.width // 2), below.width - min(66, below.width // 2))
+        joints, others = column.rows(7, column.height - 7)
         draw_straight(plot, view, controls, curves)
     draw_joints(joints, view)
     draw_events(others, view)

@@ -42,8 +42,8 @@ def draw_head(area: Area, view: LiveView) -> None:
 
 def _recording(area: Area, column: int, state: dict[str, Any], cut: str) -> None:
     if state["recording"]:
-        what = " ".join(filter(None, (state["test"], state["direction"])))
-        words = f"● recording {state['recording']} ({what}) {state['seconds']:.0f} s"
+        label = " ".join(filter(None, (state["test"], state["direction"])))
+        words = f"● recording {state['recording']} ({label}) {state['seconds']:.0f} s"
         area.put(0, column, words, "bold red")
         return
     column = area.put(0, column, "not recording", "dim") + 2
@@ -176,15 +176,15 @@ def event_words(event: Event, view: LiveView) -> str:
     """Return what happened, in words."""
     if event.reversal is None:
         return event.words
-    one = event.reversal
-    name = f" ({view.cell.axes[one.axis - 1]})" if view.cell else ""
-    return f"axis {one.axis}{name} turned back at {_place(one)}"
+    reversal = event.reversal
+    name = f" ({view.cell.axes[reversal.axis - 1]})" if view.cell else ""
+    return f"axis {reversal.axis}{name} turned back at {_place(reversal)}"
 
 
-def _place(one: JointReversal) -> str:
+def _place(reversal: JointReversal) -> str:
     """Where a joint turned back, and which way: upper is from rising to falling in time."""
-    return (f"φ {math.degrees(one.phi_rad):5.1f}° " if math.isfinite(one.phi_rad) else "") + (
-        "▲▼" if one.upper else "▼▲"
+    return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
+        "▲▼" if reversal.upper else "▼▲"
     )
 
 

@@ -119,13 +119,13 @@ def _title(of: str) -> str:
 
 def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
     """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
-    found: dict[str, dict[str, list[Detectability]]] = {}
+    sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
         axis, _, field = seat.partition(".")
         if axis.isdigit() == joints:
-            found.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
-    return found
+            sights_by_kind.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
+    return sights_by_kind
 
 
 def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
@@ -174,9 +174,9 @@ def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
 
 
 def _separated(pair: Pair) -> Text:
-    helps = [one for one in pair.further if is_separable(one.sigma)]
+    helps = [parting for parting in pair.further if is_separable(parting.sigma)]
     if helps:
-        return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))
+        return Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
     if pair.further and pair.further[0].sigma > 0.05:
         return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
     return Text("none: their effect on every test is the same", style="yellow")
@@ -191,13 +191,13 @@ def _hidden(plan: Plan) -> RenderableType:
     table.add_column("shown by", ratio=1)
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
-        helps = [one.test for one in sight.further if one.sigma and is_detectable(1 / one.sigma)]
+        helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
         text = (
-            f"{test}, {_range([one.further[0].sigma for one in sights])} σ at a healthy size"
+            f"{test}, {_range([sight.further[0].sigma for sight in sights])} σ at a healthy size"
             if test
             else "no test here"
         )
@@ -252,5 +252,5 @@ def _effect(sight: Detectability) -> dict[str, Any]:
     return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
-def _partings(found: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
-    return [{"test": one.test, "sigma": one.sigma} for one in found]
+def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
+    return [{"test": parting.test, "sigma": parting.sigma} for parting in partings]

@@ -83,8 +83,8 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
     away_um = 1e3 * (curve.reading_mm - middle[place])
     lines = []
     for side, aside, role in (("out", -0.12, "acw"), ("in", 0.12, "cw")):
-        here = curve.approach == side
-        lines.append(Line(texts(f"from_{side}"), role, place[here] + aside, away_um[here], points=True))  # type: ignore[arg-type]
+        on_side = curve.approach == side
+        lines.append(Line(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
     y_label = f"{texts('reading')} / µm"
     caption = texts("caption_repeatability")
@@ -122,7 +122,7 @@ def _along(curve: PathCurve, texts: Texts) -> Chart:
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     lines = []
     for name, role in zip(dict.fromkeys(curve.path.tolist()), roles, strict=False):
-        own = curve.path == name
-        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[own], 1e3 * curve.at_mm[own]))
+        rows = curve.path == name
+        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
     return Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
