@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError, UseError
@@ -39,7 +39,7 @@ def plan_poses(
         planned = planned_poses(rig, count, sight)
     written = _write(rig, planned, output, maker, dwell_s) if output else []
     if as_json:
-        say_json(_as_object(planned, written))
+        say_json({**planned.to_dict(), "files": [str(path) for path in written]})
         return
     for line in planned.lines():
         say(line)
@@ -87,7 +87,3 @@ def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: Maker | None
         return write_all_new(directory, files)
     except FileError as error:
         raise FileError(error.where, error.what, "give another --output") from None
-
-
-def _as_object(planned: PlannedPoses, written: list[Path]) -> dict[str, Any]:
-    return {**planned.to_dict(), "files": [str(path) for path in written]}

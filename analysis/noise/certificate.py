@@ -110,7 +110,7 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
     return Systematic(
         tuple(
-            _u_mm(certificate, _furthest_mm(column), rig) if certificate else 0.0
+            _u_mm(certificate, max(abs(float(column.min())), abs(float(column.max()))), rig) if certificate else 0.0
             for certificate, column in zip(gauges, g_mm.T, strict=True)
         ),
         math.hypot(form_mm, _u_mm(rig.ball, 0.0, rig)),
@@ -130,10 +130,6 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     if rig.temperature is None and any(certificate.coefficient_per_c for _, certificate in certificates):
         overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
     return overdue
-
-
-def _furthest_mm(reading_mm: Array) -> float:
-    return max(abs(float(reading_mm.min())), abs(float(reading_mm.max())))
 
 
 def _certificates(rig: Rig) -> Iterator[tuple[str, Certificate]]:

@@ -50,7 +50,14 @@ class ActWords:
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
-        return texts(key, cause=self.noun(act.effect), size=self._size(act), axis=self._axis(act.effect))
+        axis = getattr(act.effect, "axis", None)
+        size = size_field(act.effect)
+        return texts(
+            key,
+            cause=self.noun(act.effect),
+            size=with_uncertainty(act.effect, size, {size: act.u} if act.u is not None else {}),
+            axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
+        )
 
     def removes(self, act: Act) -> str:
         """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
@@ -110,15 +117,6 @@ class ActWords:
         """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
         return f"{key}_places" if tests and tests <= {"pose", "touch"} else key
-
-    def _axis(self, effect: Effect) -> str:
-        axis = getattr(effect, "axis", None)
-        return self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
-
-    def _size(self, act: Act) -> str:
-        assert act.effect is not None  # noqa: S101 - asked of acts that have one
-        size = size_field(act.effect)
-        return with_uncertainty(act.effect, size, {size: act.u} if act.u is not None else {})
 
     def _against(self, act: Act, remark: Against) -> str:
         texts = self.texts

@@ -79,7 +79,7 @@ class AnswerWords:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
         is open, and then what these runs do not show."""
         diagnosis = self.diagnosis
-        faults, large = self._faults(), self._large()
+        faults, large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
@@ -188,10 +188,6 @@ class AnswerWords:
         """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-
-    def _large(self) -> list[str]:
-        """What makes more than a third of the error and is no fault, as parts of a sentence."""
-        return [self._large_part(part) for part in large_parts(self.diagnosis)]
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))

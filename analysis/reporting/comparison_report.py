@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -15,7 +14,6 @@ from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.inference.disagreement import Disagreement
-from analysis.model.predict import SetUp
 from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.places_table import places_table
@@ -39,7 +37,11 @@ def as_tables(compared: Compared) -> RenderableType:
         for run_poses in compared.poses
     ]
     tables = (_table(comparison) for comparison in compared.runs)
-    return Group(*tables, *poses, *_disagreement(compared.disagreement), *doubts, *_setups(compared.setups))
+    lines = []
+    for name, setup in compared.setups.items():
+        ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
+        lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
+    return Group(*tables, *poses, *_disagreement(compared.disagreement), *doubts, *lines)
 
 
 def _disagreement(disagreement: Disagreement | None) -> list[RenderableType]:
@@ -70,14 +72,6 @@ def _table(comparison: Comparison) -> Table:
     table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
     table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
     return whole(table)
-
-
-def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
-    lines = []
-    for name, setup in setups.items():
-        ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
-        lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
-    return lines
 
 
 def save_pictures(compared: Compared, directory: Path) -> list[Path]:

@@ -65,7 +65,7 @@ def as_table(entries: ControllerEntries) -> RenderableType:
         parts += [Text(f"{number}. {step}") for number, step in enumerate(entries.steps, start=1)]
         parts.append(Text(f"from {entries.controller.source}", style="dim"))
     parts.append(Text(entries.controller.missing, style="dim"))
-    if _unscaled(entries):
+    if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
     parts += [Text(f"not entered: {_stays(kept)}") for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
@@ -108,10 +108,6 @@ def _number(value: float, u: float) -> str:
     """Return a value with its sign, to the second digit of its uncertainty; a count to whole counts."""
     digits = 1 - math.floor(math.log10(u)) if u > 0 else 6
     return f"{value:+.{max(0, digits)}f}"
-
-
-def _unscaled(entries: ControllerEntries) -> bool:
-    return bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries)
 
 
 def _stays(kept: NotEntered) -> str:

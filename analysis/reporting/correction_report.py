@@ -14,7 +14,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.constants import CONSTANTS, Correction, corrected_table
+from analysis.correction.constants import CONSTANTS, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
@@ -57,7 +57,12 @@ def as_table(corrections: Corrections) -> RenderableType:
     effects.add_column("why", ratio=1)
     for support in corrections.effects:
         style = "green" if support.use != "none" else "yellow"
-        effects.add_row(label_of(support.effect), _value(support), Text(_use(support), style=style), support.reason)
+        effects.add_row(
+            label_of(support.effect),
+            _value(support),
+            Text(("not corrected" if support.use == "none" else support.use), style=style),
+            support.reason,
+        )
     for play in (
         known_play for known_play in known_plays(corrections.rig) if known_play not in corrections.rig.effects
     ):
@@ -121,10 +126,6 @@ def _either(corrections: Corrections) -> str:
         else "without these values: use one of both"
     )
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
-
-
-def _use(support: Support) -> str:
-    return "not corrected" if support.use == "none" else support.use
 
 
 def _value(support: Support) -> str:
@@ -215,7 +216,18 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": _short(zero.delta), "u_deg": _short(zero.u)} for zero in corrections.zeros
         ],
-        "link_constants": [_constant(constant) for constant in corrections.constants],
+        "link_constants": [
+            (
+                {
+                    "axis": constant.axis,
+                    "key": constant.key,
+                    "nominal": constant.nominal,
+                    "corrected": _short(constant.corrected),
+                    "u": _short(constant.u),
+                }
+            )
+            for constant in corrections.constants
+        ],
         "effects": [
             {
                 "name": label_of(support.effect),
@@ -251,16 +263,6 @@ def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
 def _each_um(values_mm: Array) -> list[float | None]:
     """Values (n,) mm in µm, None where there is none."""
     return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
-
-
-def _constant(correction: Correction) -> dict[str, Any]:
-    return {
-        "axis": correction.axis,
-        "key": correction.key,
-        "nominal": correction.nominal,
-        "corrected": _short(correction.corrected),
-        "u": _short(correction.u),
-    }
 
 
 def _um(value: float) -> float:

@@ -53,16 +53,17 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     parts = [Text(words.headline, style=_COLOUR[diagnosis.condition])]
     acts = ActWords(diagnosis)
     parts += [Text(f"{words.accuracy} {words.judged}"), *([Text(f"Next: {acts.next}")] if acts.next else [])]
+    stairs = stairs_of(diagnosis)
     sections = (
         ("What makes the error", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
-        ("What to do", _acts(diagnosis)),
-        ("How the gap shrinks", _shrinking(diagnosis)),
+        ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
+        ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
         ("Still unexplained", _left(diagnosis)),
         ("What these tests cannot distinguish", _cannot(diagnosis)),
         ("Where model and readings disagree", places_table(diagnosis.where)),
-        ("Remarks on the data", _doubts(diagnosis)),
+        ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
     )
     shown: list[RenderableType] = [*parts]
     for heading, body in sections:
@@ -77,11 +78,6 @@ def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
         number = heading in right
         table.add_column(heading, justify="right" if number else "left", no_wrap=number)
     return whole(table)
-
-
-def _shrinking(diagnosis: Diagnosis) -> list[RenderableType]:
-    stairs = stairs_of(diagnosis)
-    return [stairs_table(stairs)] if stairs else []
 
 
 def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
@@ -182,15 +178,6 @@ def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
             )
         )
     return list(lines)
-
-
-def _acts(diagnosis: Diagnosis) -> list[RenderableType]:
-    """All acts by number; the first one is said above."""
-    return [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]
-
-
-def _doubts(diagnosis: Diagnosis) -> list[RenderableType]:
-    return [Text(doubt, style="yellow") for doubt in diagnosis.doubts]
 
 
 def _footer(diagnosis: Diagnosis) -> str:

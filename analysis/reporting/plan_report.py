@@ -145,11 +145,11 @@ def _alike(plan: Plan) -> RenderableType:
     table.add_column("names")
     table.add_column("distance", justify="right")
     table.add_column("separated by", ratio=1)
-    symbols = _symbols(plan)
+    symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
-            names = "\n".join(_with_symbol(name, symbols) for name in pair.names)
+            names = "\n".join((f"{name} ({symbols[name]})" if name in symbols else name) for name in pair.names)
             names += f"\n(and {pair.others} more)" if pair.others else ""
             table.add_row(names, f"{pair.sigma:.1f} σ", _separated(pair))
         if len(pairs) > _MOST_PAIRS:
@@ -162,15 +162,6 @@ def _alike(plan: Plan) -> RenderableType:
 def _kind(name: str) -> str:
     """A name without the order of its gear."""
     return name.partition(" order ")[0]
-
-
-def _symbols(plan: Plan) -> dict[str, str]:
-    """What the field calls the number that a name changes, by name, where it calls it anything."""
-    return {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
-
-
-def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
-    return f"{name} ({symbols[name]})" if name in symbols else name
 
 
 def _separated(pair: Pair) -> Text:

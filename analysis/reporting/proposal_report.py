@@ -36,14 +36,16 @@ def as_table(proposal: Proposal) -> RenderableType:
         parts.append(_circles(proposal))
     else:
         parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
-    parts += [Text(f"{name}: {_count(judgement)}") for name, judgement in _judgements(proposal)]
+    parts += [
+        Text(f"{name}: {_count(judgement)}")
+        for name, judgement in [
+            ("before", proposal.before),
+            *([("with them", proposal.after)] if proposal.circles else []),
+        ]
+    ]
     if proposal.after.undetectable:
         parts.append(Text(f"still not testable: {', '.join(proposal.after.undetectable)}", style="yellow"))
     return Group(*parts)
-
-
-def _judgements(proposal: Proposal) -> list[tuple[str, Judgement]]:
-    return [("before", proposal.before), *([("with them", proposal.after)] if proposal.circles else [])]
 
 
 def _count(judgement: Judgement) -> str:

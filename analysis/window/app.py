@@ -361,7 +361,11 @@ class _Pages:
             made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
         except RigError as error:
             return [], error.what
-        return (None, "") if made is None else ([f"/made/{made.name}/{picture.name}" for picture in _pngs(made)], "")
+        return (
+            (None, "")
+            if made is None
+            else ([f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], "")
+        )
 
     def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[Shown]) -> Response:
         return self._served(request, Wanted("analysis.cli", words, tuple(run.path for run in shown)))
@@ -408,7 +412,3 @@ def _is_whole(shown: Shown) -> bool:
 
 def _paths(shown: Sequence[Shown]) -> list[str]:
     return [str(run.path.resolve()) for run in shown]
-
-
-def _pngs(made: Path) -> list[Path]:
-    return sorted(made.glob("*.png"))

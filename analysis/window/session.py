@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import Correction, Expected, PathError, Session, Verified
+from analysis.session.state import Correction, PathError, Session, Verified
 from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
@@ -72,11 +72,12 @@ def _before_after(verified: Verified, correction: Correction | None) -> Iterator
         ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere),
     ):
         if before:
-            yield {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
-
-
-def _expected(expected: Expected | None) -> dict[str, float] | None:
-    return {"um": expected.um, "u_um": expected.u_um} if expected else None
+            yield {
+                "where": where,
+                "before": _error(before),
+                "after": _error(after),
+                "expected": ({"um": expected.um, "u_um": expected.u_um} if expected else None),
+            }
 
 
 def _error(error: PathError | None) -> dict[str, float] | None:

@@ -25,9 +25,13 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
         case RepeatabilityCurve() as curve:
             return [_repeatability(result, curve, texts)]
         case PoseCurve() as curve:
-            return [*_cube(result, texts), _poses(result, curve, texts)]
+            view = cube_view(result)
+            return [
+                *([] if view is None else [_plane(view, "chart_cube", texts, points=True)]),
+                _poses(result, curve, texts),
+            ]
         case PathCurve() as curve:
-            return [_paths(curve, texts), _along(curve, texts)]
+            return [_plane(path_view(curve), "chart_paths", texts, points=False), _along(curve, texts)]
     return []
 
 
@@ -97,15 +101,6 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     y_label = f"{texts('error_position')} / mm"
     return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))
-
-
-def _cube(result: Result, texts: Texts) -> list[Chart]:
-    view = cube_view(result)
-    return [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
-
-
-def _paths(curve: PathCurve, texts: Texts) -> Chart:
-    return _plane(path_view(curve), "chart_paths", texts, points=False)
 
 
 def _plane(view: PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
