@@ -228,8 +228,8 @@ def calibrate(
     """
     from analysis.inference.given import given_effects  # noqa: PLC0415
 
-    given = None if effects is None else given_effects(effects, len(_model(rig, runs).robot.axes))
-    return _diagnosed(runs, rig, hold_out, unseen, progress, None, given)
+    effects_given = None if effects is None else given_effects(effects, len(_model(rig, runs).robot.axes))
+    return _diagnosed(runs, rig, hold_out, unseen, progress, None, effects_given)
 
 
 def diagnose(
@@ -290,7 +290,7 @@ def _diagnosed(
     from analysis.traces.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
-    refuse_copies((one.path, one.run.readings_sha256) for one in (*runs, *hold_out, *unseen))
+    refuse_copies((run.path, run.run.readings_sha256) for run in (*runs, *hold_out, *unseen))
     return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um, given)
 
 

@@ -69,8 +69,8 @@ def main() -> None:
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not is_numerical(error):
             raise
-        what = f"the computation failed: {error}"
-        _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
+        problem = f"the computation failed: {error}"
+        _fail(FileError("numbers", problem, "check those in the rig file and in the runs"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:
@@ -97,7 +97,7 @@ def _fail(error: RigError) -> NoReturn:
 
 
 def _wrong_use(error: TyperException) -> NoReturn:
-    told = wrong_use(error, "rig")
-    if told is None:  # its help is printed; for `rig` alone that is what was asked for
+    use_error = wrong_use(error, "rig")
+    if use_error is None:  # its help is printed; for `rig` alone that is what was asked for
         sys.exit(2 if sys.argv[1:] else 0)
-    _fail(told)
+    _fail(use_error)

@@ -49,8 +49,8 @@ def analyse(
     paths = runs_below(runs, scheduler)
     if as_lines:
         if as_json or plot or each or truth:
-            what = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
-            raise UseError("--lines", what, "leave those out")
+            problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
+            raise UseError("--lines", problem, "leave those out")
         end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     drawn = plot is not None or truth is not None

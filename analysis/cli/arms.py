@@ -46,11 +46,11 @@ def arms(
     if name is None:
         if calibration or output or poses:
             raise typer.BadParameter("name the arm", param_hint="NAME")
-        found = [load_arm(one) for one in arm_names()]
+        library = [load_arm(arm_name) for arm_name in arm_names()]
         if as_json:
-            say_json({"arms": [arms_table.as_object(one) for one in found]})
+            say_json({"arms": [arms_table.as_object(entry) for entry in library]})
         else:
-            PlainConsole().print(arms_table.as_table(found))
+            PlainConsole().print(arms_table.as_table(library))
         return
     if calibration and poses:
         raise typer.BadParameter("give the calibration of the controller, or poses of it", param_hint="--poses")
@@ -59,10 +59,10 @@ def arms(
     if calibration:
         from analysis.arms.ur_calibration import calibrated
 
-        own = calibrated(arm, calibration)
-        robot, text = own.section.robot, own.section.text
-        say(f"{calibration} moves the flange by up to {own.moved_mm:.3f} mm", err=True)
-        for doubt in own.doubts:
+        calibration_of_arm = calibrated(arm, calibration)
+        robot, text = calibration_of_arm.section.robot, calibration_of_arm.section.text
+        say(f"{calibration} moves the flange by up to {calibration_of_arm.moved_mm:.3f} mm", err=True)
+        for doubt in calibration_of_arm.doubts:
             say(doubt, err=True, mark="note: ")
     if poses:
         from analysis.files.controller_constants import controller_constants

@@ -34,8 +34,8 @@ def automatic(
     try:
         Automatic(rules=tuple(rules))
     except ValidationError as error:
-        what = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
-        raise FileError(", ".join(map(str, paths)), what, "give one run of each program") from None
+        problem = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
+        raise FileError(", ".join(map(str, paths)), problem, "give one run of each program") from None
     say("automatic:")
     say("  rules:")
     for rule in rules:

@@ -62,15 +62,15 @@ def calibrate(
         hold_new(output)
     parts = [load_runs(paths) for paths in by_use(runs, hold_out or (), unseen or ())]
     end_with(worst([error for _, errors in parts for error in errors]))
-    measured, judges, elsewhere = (found for found, _ in parts)
+    measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with progress_of() as progress:
-        found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
+        diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:
-        say_json(found.to_dict())
+        say_json(diagnosis.to_dict())
     else:
-        PlainConsole().print(as_screen(found))
-    for path in write_model(found, text, output) if output else ():
+        PlainConsole().print(as_screen(diagnosis))
+    for path in write_model(diagnosis, text, output) if output else ():
         say(f"wrote {path}", err=True)
     if output:
-        say_correct(found, output)
+        say_correct(diagnosis, output)

@@ -33,10 +33,10 @@ def check(
 ) -> None:
     """Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of runs, check
     whether units, joints, gauges, times and places are meant as labelled."""
-    runs = [Path(one) for one in given if Path(one).is_dir()]
+    runs = [Path(argument) for argument in given if Path(argument).is_dir()]
     if runs and len(runs) < len(given):
-        other = next(one for one in given if not Path(one).is_dir())
-        raise UseError(other, "is no directory with runs", "check a rig file by itself, or runs")
+        not_a_run = next(argument for argument in given if not Path(argument).is_dir())
+        raise UseError(not_a_run, "is no directory with runs", "check a rig file by itself, or runs")
     if runs:
         _check_runs(runs, as_json=as_json)
         return
@@ -59,13 +59,13 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
     checked = check_runs(runs)
     if as_json:
         names = [run.run.manifest.name for run in runs]
-        say_json({"runs": names, "conventions": [one.to_dict() for one in checked]})
+        say_json({"runs": names, "conventions": [convention.to_dict() for convention in checked]})
     else:
-        for one in checked:
-            for line in _lines(one, len(runs)):
+        for convention in checked:
+            for line in _lines(convention, len(runs)):
                 say(line)
-    found = any(one.findings for one in checked)
-    end_with(max(worst(errors), FileError.exit_code if found else 0))
+    contradicted = any(convention.findings for convention in checked)
+    end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
 
 
 def _lines(checked: Checked, runs: int) -> list[str]:
@@ -73,10 +73,10 @@ def _lines(checked: Checked, runs: int) -> list[str]:
     name = f"{checked.convention.name}:"
     if checked.findings:
         return [
-            f"{name:14}{', '.join(one.runs[:3])}{' …' * (len(one.runs) > 3)}: {one.words}"
+            f"{name:14}{', '.join(finding.runs[:3])}{' …' * (len(finding.runs) > 3)}: {finding.words}"
             if runs > 1
-            else f"{name:14}{one.words}"
-            for one in checked.findings
+            else f"{name:14}{finding.words}"
+            for finding in checked.findings
         ]
     if checked.cannot:
         return [f"{name:14}not shown: {checked.cannot}"]

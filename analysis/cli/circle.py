@@ -60,8 +60,8 @@ def fit(
     from analysis.setting_up.driven_circle import driven_circle
 
     if bool(runs) == live:
-        what = "both runs and --live are given" if live else "nothing is given to fit"
-        raise UseError("rig circle fit", what, "give run directories, or --live")
+        problem = "both runs and --live are given" if live else "nothing is given to fit"
+        raise UseError("rig circle fit", problem, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
     motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
     print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
@@ -121,13 +121,13 @@ def _rig_in(run: Run) -> Rig:
     return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
-def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
+def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
     from analysis.inference.placements import same_arm
     from analysis.kinematics.arm import arm_of
 
-    if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
-        what = f"is of another robot than {rig.name}: its link constants differ"
-        raise FileError(where, what, "use a rig file and a motion of one robot")
+    if not same_arm(arm_of(run_rig.robot), arm_of(rig.robot)):
+        problem = f"is of another robot than {rig.name}: its link constants differ"
+        raise FileError(where, problem, "use a rig file and a motion of one robot")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
@@ -147,29 +147,29 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
 
         def show(motion: RobotMotion) -> None:
             try:
-                found = driven_circle([motion], rig)
-                u, centre = u_written([found.u_centre_mm.max()], " mm"), found.circle.centre.round(2).tolist()
-                said = f"{found.used}: radius {found.circle.radius:.2f} mm about {centre}, u {u}"
+                driven = driven_circle([motion], rig)
+                u, centre = u_written([driven.u_centre_mm.max()], " mm"), driven.circle.centre.round(2).tolist()
+                state = f"{driven.used}: radius {driven.circle.radius:.2f} mm about {centre}, u {u}"
             except FileError as error:
-                said = error.what
-            say(f"{motion.t_s[-1]:.0f} s: {said}", err=True)
+                state = error.what
+            say(f"{motion.t_s[-1]:.0f} s: {state}", err=True)
 
         say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
         return [watched_motion(client, "the robot", show)], to
 
 
-def _as_test(found: DrivenCircle) -> FittedTest:
+def _as_test(driven: DrivenCircle) -> FittedTest:
     import numpy as np
 
     from analysis.cli.fitted_test import FittedTest
 
     u = {
-        "centre_mm": found.u_centre_mm.tolist(),
-        "normal": [float(np.degrees(found.u_normal))],
-        "radius_mm": [found.u_radius_mm],
-        "zero": [float(np.degrees(found.u_zero))],
+        "centre_mm": driven.u_centre_mm.tolist(),
+        "normal": [float(np.degrees(driven.u_normal))],
+        "radius_mm": [driven.u_radius_mm],
+        "zero": [float(np.degrees(driven.u_zero))],
     }
-    return FittedTest("circle", found.values(), u, found.used, found.doubts)
+    return FittedTest("circle", driven.values(), u, driven.used, driven.doubts)
 
 
 def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
@@ -190,8 +190,10 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
         values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
         doubts = of_circle.doubts
         if rig.tests.hemisphere is None:
-            what = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
-            raise FileError(RigPlace.of(rig.name), what, "add tests.hemisphere with posture_deg, or give a radial run")
+            problem = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
+            raise FileError(
+                RigPlace.of(rig.name), problem, "add tests.hemisphere with posture_deg, or give a radial run"
+            )
     else:
         touched = touched_ball(runs, rig)
         values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts

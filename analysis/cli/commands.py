@@ -153,7 +153,7 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         new_names = _OLD_OPTIONS.get(self.name or "", {})
         spelled = [word.partition("=") for word in args]
-        return super().parse_args(ctx, ["".join((new_names.get(name, name), *rest)) for name, *rest in spelled])
+        return super().parse_args(ctx, ["".join((new_names.get(name, name), *value)) for name, *value in spelled])
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         with _without_what_is_never_shown():
@@ -191,8 +191,8 @@ class _Program(Group):
         }
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        name, listed, rest = super().resolve_command(ctx, args)
-        return name, listed and imported(str(name)), rest
+        name, listed, remaining = super().resolve_command(ctx, args)
+        return name, listed and imported(str(name)), remaining
 
 
 app = typer.Typer(

@@ -30,14 +30,14 @@ class _ManyAgainst(Command):
 
 def _one_each(arguments: Sequence[str]) -> list[str]:
     """The arguments with --against before each of the runs that follow it, up to the next option."""
-    found, is_against = [], False
-    for one in arguments:
-        if one.startswith("-"):
-            is_against = one == _AGAINST
-            found += [] if is_against else [one]
+    words, is_against = [], False
+    for argument in arguments:
+        if argument.startswith("-"):
+            is_against = argument == _AGAINST
+            words += [] if is_against else [argument]
         else:
-            found += [_AGAINST, one] if is_against else [one]
-    return [*found, _AGAINST] if arguments and arguments[-1] == _AGAINST else found
+            words += [_AGAINST, argument] if is_against else [argument]
+    return [*words, _AGAINST] if arguments and arguments[-1] == _AGAINST else words
 
 
 @command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
@@ -92,16 +92,16 @@ def compare(
         measured = [analysis.load_run(path) for path in runs]
         progress(f"simulating {len(measured)} runs")
         elsewhere = [analysis.load_run(path) for path in runs_below(unseen or ())]
-        found = analysis.compare(measured, rig_file, unseen=elsewhere)
+        compared = analysis.compare(measured, rig_file, unseen=elsewhere)
     if plot:
         with progress_of("drawing the pictures"):
-            pictures = list(comparison_report.save_pictures(found, plot))
+            pictures = list(comparison_report.save_pictures(compared, plot))
         for path in pictures:
             say(path, err=True)
     if as_json:
-        say_json(found.to_dict())
+        say_json(compared.to_dict())
     else:
-        PlainConsole().print(comparison_report.as_tables(found))
+        PlainConsole().print(comparison_report.as_tables(compared))
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
@@ -112,14 +112,14 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
     from analysis.reporting.plain_console import PlainConsole
 
     with progress_of():
-        found = differences(list(distinct(after)), list(distinct(before)))
+        changes = differences(list(distinct(after)), list(distinct(before)))
     if as_json:
-        say_json({"differences": [one.to_dict() for one in found]})
+        say_json({"differences": [change.to_dict() for change in changes]})
     else:
-        PlainConsole().print(as_differences(found))
+        PlainConsole().print(as_differences(changes))
 
 
-def _arms(one: Path, other: Path, as_json: bool) -> None:
+def _arms(first: Path, second: Path, as_json: bool) -> None:
     from analysis.cli.progress import progress_of
     from analysis.correction.arms_apart import arms_apart
     from analysis.reporting.arms_apart_table import as_tables
@@ -127,7 +127,7 @@ def _arms(one: Path, other: Path, as_json: bool) -> None:
     from rigs.load import load
 
     with progress_of("comparing the arms"):
-        apart = arms_apart(load(one)[0], load(other)[0])
+        apart = arms_apart(load(first)[0], load(second)[0])
     if as_json:
         say_json(apart.to_dict())
     else:

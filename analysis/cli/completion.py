@@ -25,11 +25,11 @@ def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
 
     @wraps(offer)
     def offered(*arguments: object, **named: object) -> list[str]:
-        found: list[str] = []
+        names: list[str] = []
         # Without these, an error would be written into the line that is being typed.
         with contextlib.suppress(OSError, ImportError, ValueError):
-            found.extend(name for name in offer(*arguments, **named) if name.isprintable())
-        return found
+            names.extend(name for name in offer(*arguments, **named) if name.isprintable())
+        return names
 
     return offered
 

@@ -117,12 +117,12 @@ def correct(
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole)
-        found = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
-        written = correction_report.write(found, directory)
+        corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
+        written = correction_report.write(corrections, directory)
     if as_json:
-        say_json(correction_report.as_object(found, written))
+        say_json(correction_report.as_object(corrections, written))
     else:
-        PlainConsole().print(correction_report.as_table(found))
+        PlainConsole().print(correction_report.as_table(corrections))
     for file in written:
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
@@ -133,12 +133,12 @@ def correct(
             "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target",
             err=True,
         )
-    left = target_errors(*found.path) if found.path else []
-    for error in left[:_SAID]:
+    errors = target_errors(*corrections.path) if corrections.path else []
+    for error in errors[:_SAID]:
         say_error(error)
-    if len(left) > _SAID:
-        say(f"      and {len(left) - _SAID} more, all of them in corrections.yaml", err=True)
-    end_with(worst(left))
+    if len(errors) > _SAID:
+        say(f"      and {len(errors) - _SAID} more, all of them in corrections.yaml", err=True)
+    end_with(worst(errors))
 
 
 def _say_next(rig_file: str, rig: Rig, maker: Maker | None, directory: Path, corrected: Path | None) -> None:
@@ -147,12 +147,12 @@ def _say_next(rig_file: str, rig: Rig, maker: Maker | None, directory: Path, cor
     programmed, file = axes == FEWEST_AXES and not rail, as_argument(rig_file)
     if maker is None and programmed:
         likeliest, *others = rig.makers
-        beside = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
-        what = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
-        say(f"next: rig correct {file} --for {likeliest} -o {beside}  # {what}", err=True)
+        directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
+        alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
+        say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
     if corrected:
         say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
         test = corrected.name.removeprefix("corrected-").removesuffix("-path.csv")
         if programmed and test in get_args(DrivenTest):
-            more = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
-            say(f"next: rig program {file} {more}", err=True)
+            options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
+            say(f"next: rig program {file} {options}", err=True)

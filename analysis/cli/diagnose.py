@@ -69,25 +69,25 @@ def diagnose(
 
     if output:
         _hold_writable(output)
-    given = load(rig_file) if rig_file else None
+    rig_and_text = load(rig_file) if rig_file else None
     errors: list[RigError] = []
 
     def read(paths: Sequence[Path]) -> list[Measured]:
-        found, bad = load_runs(paths, jobs=jobs, scheduler=scheduler)
+        loaded, bad = load_runs(paths, jobs=jobs, scheduler=scheduler)
         errors.extend(bad)
-        return found
+        return loaded
 
     measured, judges, elsewhere = map(read, by_use(runs, hold_out or (), unseen or ()))
     if not measured:
         end_with(worst(errors))
-    rig, text = given or (measured[0].rig, measured[0].run.manifest.rig_text)
+    rig, text = rig_and_text or (measured[0].rig, measured[0].run.manifest.rig_text)
     with progress_of() as progress:
-        found = analysis.diagnose(
+        diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    _show(found, as_json=as_json)
+    _show(diagnosis, as_json=as_json)
     if output:
-        _write(found, measured, text, output, errors)
+        _write(diagnosis, measured, text, output, errors)
     end_with(worst(errors))
 
 
@@ -105,24 +105,26 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
     """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
     from analysis.cli.run_paths import runs_below
 
-    every, held, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
-    used = [path for path in every if path not in {*held, *elsewhere}]
+    every, held_out_runs, elsewhere = (
+        [run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen)
+    )
+    used = [path for path in every if path not in {*held_out_runs, *elsewhere}]
     if not used:
         raise UseError("--hold-out and --unseen", "leave no run to diagnose", "name fewer runs there")
-    return used, held, elsewhere
+    return used, held_out_runs, elsewhere
 
 
-def _show(found: Diagnosis, *, as_json: bool) -> None:
+def _show(diagnosis: Diagnosis, *, as_json: bool) -> None:
     from analysis.reporting.diagnosis_screen import as_screen
     from analysis.reporting.plain_console import PlainConsole
 
     if as_json:
-        say_json(found.to_dict())
+        say_json(diagnosis.to_dict())
     else:
-        PlainConsole().print(as_screen(found))
+        PlainConsole().print(as_screen(diagnosis))
 
 
-def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, errors: Sequence[RigError]) -> None:
+def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Path, errors: Sequence[RigError]) -> None:
     """Write the page, or the directory; the rig file with what was missing comes last there."""
     from analysis import evaluate_runs
     from analysis.cli.progress import progress_of
@@ -134,22 +136,22 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, 
     if is_page(output):
         with progress_of() as progress:
             results = evaluate_runs(measured)
-            report = gather(results, found.rig, found=found, left_out=errors, progress=progress)
+            report = gather(results, diagnosis.rig, diagnosis=diagnosis, left_out=errors, progress=progress)
             written = [write_page(report, output)]
     else:
-        written = write(found, text, output)
+        written = write(diagnosis, text, output)
     for path in written:
         say(f"wrote {path}", err=True)
     if written[-1].suffix == ".yaml":
         model = written[-1]
         runs = " ".join(as_argument(run.run.path) for run in measured)
         say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # is nothing missing any more?", err=True)
-        say_correct(found, model)
+        say_correct(diagnosis, model)
 
 
-def say_correct(found: Diagnosis, model: Path) -> None:
+def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     """Say how the model that was written is corrected by, unless it is to correct nothing."""
     from rigs.calibration import verdict_of
 
-    if found.calibrated is None or verdict_of(found.calibrated) == "correct":
+    if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "correct":
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

@@ -41,8 +41,8 @@ def doctor(
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
     if scan and is_shipped(path):
-        what = f"asks the ports of the rig file, and {rig_file} is a shipped example"
-        raise UseError("--scan", what, "give the rig file of your cell")
+        problem = f"asks the ports of the rig file, and {rig_file} is a shipped example"
+        raise UseError("--scan", problem, "give the rig file of your cell")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
     examined = partial(examine, rig, (runs or _runs(unit)).absolute(), unit, example=is_shipped(path))
@@ -55,8 +55,8 @@ def doctor(
             say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
     wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
     if as_json:
-        told = [dataclasses.asdict(finding) for finding in findings]
-        say_json({"rig": rig.name, "wrong": wrong, "findings": told})
+        finding_objects = [dataclasses.asdict(finding) for finding in findings]
+        say_json({"rig": rig.name, "wrong": wrong, "findings": finding_objects})
     raise typer.Exit(1 if wrong else 0)
 
 

@@ -87,8 +87,8 @@ def emulate(
     try:
         for name, port in cell.ports.items():
             say(f"{name}: {port}")
-        own = ", ".join(["run NAME"] if programs else PROGRAMS)
-        say(f"ready; next: rigd {path}; then type here: {own} or quit")
+        programs_known = ", ".join(["run NAME"] if programs else PROGRAMS)
+        say(f"ready; next: rigd {path}; then type here: {programs_known} or quit")
         keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, say)
         keyboard.start()
         keyboard.read(has_person=has_keyboard())
@@ -121,6 +121,6 @@ def rig_file_of_cell(directory: Path) -> Path:
     from rigs.errors import FileError
 
     path = directory / RIG
-    if path.exists() and not any((directory / beside).exists() for beside in (TRUTH, MARKS)):
+    if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
     return path

@@ -81,8 +81,8 @@ def _export(path: Path, to: Format, output: Path) -> None:
     try:
         durable.persist(output)  # rigd may delete a marked run, and a power cut must not take its only copy
     except OSError as error:
-        what = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
-        raise CellError(str(output), what, "export it again to another disk") from None
+        problem = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
+        raise CellError(str(output), problem, "export it again to another disk") from None
     try:
         mark_exported(path, to, output)
     except RigError as error:
@@ -95,6 +95,6 @@ def _map_of(run: Run) -> bytes:
 
     table = run.manifest.table
     if table is None or not table.map:
-        what = "was read without a map" if table else "is recorded, and no table was imported"
-        raise FileError(str(run.path), what, "give a run that rig import made of a table in other columns")
+        problem = "was read without a map" if table else "is recorded, and no table was imported"
+        raise FileError(str(run.path), problem, "give a run that rig import made of a table in other columns")
     return table.map.encode()

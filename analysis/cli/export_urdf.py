@@ -153,8 +153,8 @@ def _carried(share: GeometricShare) -> str:
     if not share.left_out:
         return f"All of the model is geometry and is in this file: {moved}."
     names = [f"{effect.effect} {effect.seat}".strip() for effect in share.left_out]
-    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    listed = ", ".join(names[:_MOST_LISTED]) + more
+    ending = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    listed = ", ".join(names[:_MOST_LISTED]) + ending
     return f"Only the geometry is in this file: {moved}; {share.left_um:.1f} µm rms of it are left out ({listed})."
 
 
@@ -162,5 +162,5 @@ def _say_of_the_driver(calibration_hash: str | None) -> None:
     """Say what calibration.yaml does not hold."""
     say("base and tool of the rig file are not in it: it goes from the controller's base to tool0", err=True)
     if calibration_hash is None:
-        what = "the driver will report that the calibration does not match the robot's; --hash takes the robot's own"
-        say(what, err=True, mark="note: ")
+        remark = "the driver will report that the calibration does not match the robot's; --hash takes the robot's own"
+        say(remark, err=True, mark="note: ")

@@ -51,7 +51,7 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
             raise UseError("--write", "needs the rig file that it writes", "give it with --rig FILE")
         return None
     path = find(name)
-    if write and path.resolve() in {one.resolve() for one in shipped().values()}:
+    if write and path.resolve() in {example.resolve() for example in shipped().values()}:
         raise FileError(
             name, "is a shipped rig, which stays as it is", "copy it with rig example DIR, and give the copy"
         )
@@ -68,7 +68,7 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
-        u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(own) for key, own in fitted.u.items()}
+        u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(values) for key, values in fitted.u.items()}
         say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
         _print_block(fitted)
@@ -88,12 +88,12 @@ def u_written(u: Sequence[float], unit: str) -> str:
     """Uncertainties with two digits and their unit; smaller ones than the last digit of a value only as such."""
     if max(u) < _LEAST:
         return f"< {_LEAST:g}{unit}"
-    return ", ".join(f"{one:.2g}" if one > _LEAST else f"< {_LEAST:g}" for one in u) + unit
+    return ", ".join(f"{value:.2g}" if value > _LEAST else f"< {_LEAST:g}" for value in u) + unit
 
 
 def _numbers(u: Sequence[float]) -> float | list[float]:
     """Uncertainties with two digits, as JSON has them: one number, or several."""
-    numbers = [float(f"{one:.2g}") for one in u]
+    numbers = [float(f"{value:.2g}") for value in u]
     return numbers if len(numbers) > 1 else numbers[0]
 
 

@@ -69,19 +69,19 @@ def fleet(
         file = catalogue or _own_catalogue(directory, until_written)
         try:
             with progress:
-                found = gather(directory, file, workers, progress)
-            _write(found, output, parquet, workers, progress)
+                plant = gather(directory, file, workers, progress)
+            _write(plant, output, parquet, workers, progress)
         except kept.Damaged:
             kept.remove(file)  # the error says that the next start makes it again
             raise
     from analysis.fleet import screen
 
     if as_json:
-        say_json(screen.as_object(found))
+        say_json(screen.as_object(plant))
     else:
         from analysis.reporting.plain_console import PlainConsole
 
-        PlainConsole().print(screen.as_screen(found))
+        PlainConsole().print(screen.as_screen(plant))
 
 
 def _own_catalogue(directory: Path, until: ExitStack) -> Path:
@@ -98,16 +98,16 @@ def _own_catalogue(directory: Path, until: ExitStack) -> Path:
     return file
 
 
-def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
+def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
     """Write what was asked for."""
     if parquet:
         from analysis.fleet.table import write_figures
 
-        write_figures(found, parquet)
+        write_figures(plant, parquet)
         say(f"table: {parquet}", err=True)
     if output:
         from analysis.fleet.page import write_pages
 
-        for line in write_pages(found, output, workers, progress):
+        for line in write_pages(plant, output, workers, progress):
             say(f"warning: {line}", err=True)
         say(f"page: {output}", err=True)

@@ -64,29 +64,29 @@ def history(
         hold_page(output)
     collected = _collected(runs, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
-    found = history_of(collected, figure, since.date() if since else None, limits)
+    history_found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
         from analysis.history.page import write_page
 
-        write_page(found, output)
+        write_page(history_found, output)
         say(f"page: {output}", err=True)
     from analysis.history import screen
 
     if as_json:
-        say_json(screen.as_object(found))
+        say_json(screen.as_object(history_found))
     elif as_csv:
         import io
 
         from analysis.files.write import write_csv
 
         text = io.BytesIO()
-        write_csv(screen.as_table(found.series), text)
+        write_csv(screen.as_table(history_found.series), text)
         for line in text.getvalue().decode().splitlines():
             say(line)
     else:
         from analysis.reporting.plain_console import PlainConsole
 
-        PlainConsole().print(screen.as_screen(found))
+        PlainConsole().print(screen.as_screen(history_found))
 
 
 def _collected(data: Path, robot: str, workers: Workers) -> Collected:

@@ -87,7 +87,7 @@ def import_(
     operator = operator_or_user(operator)
 
     def make_run(table: Path) -> None:
-        files = [file_of(one) for one in (tables if join else [table])]
+        files = [file_of(source) for source in (tables if join else [table])]
         run = output / table.stem if len(tables) > 1 and not join else output
         refuse_existing(run)
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}

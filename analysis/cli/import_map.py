@@ -110,10 +110,13 @@ def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
     """Write the map with its questions marked, and raise FileError: no person is there to answer."""
     path = Path(f"{run.name}.map.yaml")  # not beside the run, where every file is taken for one
     choices = {
-        one.key: [one.asks, *(f"{value_text(reading.value)}  # {reading.line()}" for reading in one.readings)]
-        for one in proposal.questions
+        question.key: [
+            question.asks,
+            *(f"{value_text(reading.value)}  # {reading.line()}" for reading in question.readings),
+        ]
+        for question in proposal.questions
     }
     write_new(path, holding(map_text(proposal.table_map, choices).encode()))
-    open_keys = "; ".join(f"{one.key}: {one.asks}" for one in proposal.questions)
-    what = f"leaves open what only a person knows ({open_keys}), and there is no terminal to ask at"
-    raise FileError(str(files[0]), what, f"write the answer in place of the ? in {path}, and give it with --map")
+    open_keys = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
+    problem = f"leaves open what only a person knows ({open_keys}), and there is no terminal to ask at"
+    raise FileError(str(files[0]), problem, f"write the answer in place of the ? in {path}, and give it with --map")

@@ -128,8 +128,8 @@ def _make(options: Options) -> None:
     except (KeyboardInterrupt, Stopped):
         say("")
         kept = kept_in(options.path)
-        what = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
-        say(f"stopped; {what}", err=True)
+        outcome = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        say(f"stopped; {outcome}", err=True)
         raise typer.Exit(_INTERRUPTED) from None
 
 
@@ -170,8 +170,8 @@ def next_steps(rig_file: Path) -> list[str]:
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
     """Return the commands of a first lap and, last, of its report."""
-    maker, *more = rig.makers
-    others = f"  # or {', '.join(more)}" if more else ""
+    maker, *further = rig.makers
+    others = f"  # or {', '.join(further)}" if further else ""
     return [
         f"rig program {file} --for {maker} --test yaw -o programs{others}",
         "rig record start first-acw --test yaw --direction acw",

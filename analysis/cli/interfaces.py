@@ -18,8 +18,8 @@ def interfaces(
     from analysis.reporting.plain_console import PlainConsole
     from rigs.interfaces import known
 
-    found = known()
+    drivers = known()
     if as_json:
-        say_json({"interfaces": [asdict(one) for one in found]})
+        say_json({"interfaces": [asdict(driver) for driver in drivers]})
     else:
-        PlainConsole().print(as_table(found))
+        PlainConsole().print(as_table(drivers))

@@ -108,8 +108,8 @@ def _makers() -> list[str]:
 
 def maker_option(meaning: str, default: str = "") -> Any:
     """The option --for, with what it means for a command, and what stands for it where it is not given."""
-    known = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
-    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=_makers, help=known)
+    help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
+    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=_makers, help=help_text)
 
 
 RigArgument = Annotated[

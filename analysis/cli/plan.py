@@ -94,8 +94,8 @@ def plan(
         from analysis.cli.plan_poses import plan_poses
 
         if tests or propose or minutes:
-            what = "plans poses alone; leave --tests, --propose and --minutes out"
-            raise typer.BadParameter(what, param_hint="--poses")
+            problem = "plans poses alone; leave --tests, --propose and --minutes out"
+            raise typer.BadParameter(problem, param_hint="--poses")
         plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, as_json=as_json)
         return
     if maker or tracker or faces:
@@ -123,11 +123,11 @@ def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_js
     from analysis.reporting import plan_report
 
     with progress_of("simulating the tests"):
-        found = planned(rig, tests, runs, level)
+        plan_made = planned(rig, tests, runs, level)
     if as_json:
-        say_json(plan_report.as_object(found))
+        say_json(plan_report.as_object(plan_made))
     else:
-        _print(plan_report.as_table(found))
+        _print(plan_report.as_table(plan_made))
 
 
 def _propose(
@@ -140,20 +140,20 @@ def _propose(
     if output:
         proposal_report.hold_free(rig, output)
     with progress_of() as progress:
-        found = proposed(rig, tests, runs, minutes, progress)
-    written = proposal_report.write(found, text, output) if output else []
+        proposal = proposed(rig, tests, runs, minutes, progress)
+    written = proposal_report.write(proposal, text, output) if output else []
     if as_json:
-        say_json(proposal_report.as_object(found, written))
+        say_json(proposal_report.as_object(proposal, written))
     else:
-        _print(proposal_report.as_table(found))
+        _print(proposal_report.as_table(proposal))
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        maker, *more = rig.makers
-        others = f"  # or {', '.join(more)}" if more else ""
+        maker, *further = rig.makers
+        others = f"  # or {', '.join(further)}" if further else ""
         file = as_argument(written[0])
         say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
-    elif found.circles:
+    elif proposal.circles:
         say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file of each circle", err=True)
 
 

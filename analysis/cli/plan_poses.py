@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError, UseError
@@ -36,12 +36,12 @@ def plan_poses(
     rig, _ = load(rig_file)
     sight = _sight(tracker, faces)
     with named_by(rig_file, rig), progress_of("looking for poses"):
-        found = planned_poses(rig, count, sight)
-    written = _write(rig, found, output, maker, dwell_s) if output else []
+        planned = planned_poses(rig, count, sight)
+    written = _write(rig, planned, output, maker, dwell_s) if output else []
     if as_json:
-        say_json(_as_object(found, written))
+        say_json({**planned.to_dict(), "files": [str(path) for path in written]})
         return
-    for line in found.lines():
+    for line in planned.lines():
         say(line)
     for path in written:
         say(f"wrote {path}", err=True)
@@ -72,22 +72,18 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
     return Sight(place, axis)
 
 
-def _write(rig: Rig, found: PlannedPoses, directory: Path, maker: Maker | None, dwell_s: float) -> list[Path]:
+def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: Maker | None, dwell_s: float) -> list[Path]:
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
     from analysis.files.write import holding, write_all_new
     from analysis.robot_programs.examine import demand_of
     from analysis.robot_programs.poses import poses_plan
     from analysis.robot_programs.write import encoded_programs, programs_of
 
-    files = {"poses.csv": holding(found.csv().encode())}
+    files = {"poses.csv": holding(planned.csv().encode())}
     if maker:
-        plan = poses_plan(rig, found.q, dwell_s)
+        plan = poses_plan(rig, planned.q, dwell_s)
         files |= encoded_programs(maker, programs_of(maker, [(plan, demand_of(plan))]))
     try:
         return write_all_new(directory, files)
     except FileError as error:
         raise FileError(error.where, error.what, "give another --output") from None
-
-
-def _as_object(found: PlannedPoses, written: list[Path]) -> dict[str, Any]:
-    return {**found.to_dict(), "files": [str(path) for path in written]}

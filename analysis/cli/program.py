@@ -81,8 +81,8 @@ def program(
     rig, _ = load(rig_file)
     if test == "iso9283":
         if path or targets or outputs:
-            what = "is of the ball link's tests; correct planned poses by rig correct --path"
-            raise UseError("--path, --targets and --outputs", what, "leave it out")
+            problem = "is of the ball link's tests; correct planned poses by rig correct --path"
+            raise UseError("--path, --targets and --outputs", problem, "leave it out")
         program_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
         return
     with named_by(rig_file, rig), progress_of("checking the programs"):

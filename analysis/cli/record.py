@@ -88,16 +88,22 @@ def stop(rig: RigName = None) -> None:
         rows = sum(counters.get("samples", 0) for counters in ended["counters"].values())
         if rows > _MOST_ROWS:
             return
-        found = fitness(Path(ended["run"]))
-        if found.still_driving:
+        fitness_of_run = fitness(Path(ended["run"]))
+        if fitness_of_run.still_driving:
             say("the robot was still driving when the recording ended: what it drove after that is not in it", err=True)
-        if found.why:
-            remedy = "stop the next one when the robot has stood for 3 s" if found.still_driving else "drive it again"
-            if found.drove:
-                remedy = f"correct its label: rig relabel {as_argument(ended['run'])} --direction {found.drove}"
-            say(f"cannot be analysed: {found.why}; {remedy}", err=True)
+        if fitness_of_run.why:
+            remedy = (
+                "stop the next one when the robot has stood for 3 s"
+                if fitness_of_run.still_driving
+                else "drive it again"
+            )
+            if fitness_of_run.drove:
+                remedy = (
+                    f"correct its label: rig relabel {as_argument(ended['run'])} --direction {fitness_of_run.drove}"
+                )
+            say(f"cannot be analysed: {fitness_of_run.why}; {remedy}", err=True)
             with suppress(RigError):  # a daemon that is older, or gone
-                client.ask("judged", run=ended["run"], said=found.why)
+                client.ask("judged", run=ended["run"], said=fitness_of_run.why)
 
 
 @command(record, "rig record touch monday --output runs/monday-touch")

@@ -31,21 +31,21 @@ def runs(
 
     denied: list[Path] = []
     with progress_of():
-        found = [row(run, time.time()) for run in survey(directory, denied.append)]
+        rows = [row(run, time.time()) for run in survey(directory, denied.append)]
     for path in denied:
         say(f"{path}: not listed: this user may not read it", err=True)
     if as_json:
-        say_json(found)
+        say_json(rows)
         return
-    if not found and not denied:
+    if not rows and not denied:
         below = next(filter(_holds_runs, sorted(directory.iterdir())), None)
         say(f"{directory} holds no runs" + (f"; {below} does: rig runs {below}" if below else ""))
         return
-    if not found:
+    if not rows:
         return
     from analysis.reporting.plain_console import PlainConsole
 
-    table = listed(found)
+    table = listed(rows)
     whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)
@@ -146,5 +146,5 @@ def judged(path: Path) -> Verdict:
     from daq.store import judge
 
     with fetched(path) as directory:
-        found = judge(directory)
-    return replace(found, path=path, problems=tuple(named(problem, directory, path) for problem in found.problems))
+        verdict = judge(directory)
+    return replace(verdict, path=path, problems=tuple(named(problem, directory, path) for problem in verdict.problems))

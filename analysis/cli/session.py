@@ -125,8 +125,8 @@ def _located(effects: str) -> str:
     return str(path.resolve()) if effects and path.is_file() else effects
 
 
-def _plain(found: Session) -> object:
-    return found.model_dump(mode="json")
+def _plain(kept_session: Session) -> object:
+    return kept_session.model_dump(mode="json")
 
 
 def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
@@ -134,14 +134,14 @@ def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
     from analysis.session.words import status_lines
     from rigs.errors import FileError
 
-    found = place.read()
-    if found is None:
+    kept_session = place.read()
+    if kept_session is None:
         raise FileError(str(place.file), "no session was begun here", "begin one: rig session RIG")
-    place.hold_whole(found, rig_text)
+    place.hold_whole(kept_session, rig_text)
     if as_json:
-        say_json(_plain(found))
+        say_json(_plain(kept_session))
         return
-    for line in status_lines(found, next_of(found), place.directory):
+    for line in status_lines(kept_session, next_of(kept_session), place.directory):
         for piece in _wrapped(line):
             say(piece)
 

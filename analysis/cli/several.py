@@ -79,8 +79,8 @@ def over_runs(
                 done += 1
         except KeyboardInterrupt:
             if done < len(runs) > 1:
-                rest = " and what follows" if done + 1 < len(runs) else ""
-                say(f"interrupted after {done} of {len(runs)} runs: not done is {runs[done]}{rest}", err=True)
+                others = " and what follows" if done + 1 < len(runs) else ""
+                say(f"interrupted after {done} of {len(runs)} runs: not done is {runs[done]}{others}", err=True)
             raise
     return errors
 
@@ -122,7 +122,7 @@ def evaluated(
     errors += over_runs(
         evaluated_again if with_rows else figures_again,
         to_repeat,
-        lambda found: results.update([found]),
+        lambda result: results.update([result]),
         doing="evaluating with the noise of other runs",
         jobs=jobs,
         scheduler=scheduler,

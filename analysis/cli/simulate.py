@@ -42,9 +42,9 @@ def simulate(
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     tests: tuple[TestName, ...] = ("pose", "path") if test == "iso9283" else (test,)
-    for number, one, kind in product(range(seed, seed + times), directions, tests):
+    for number, way, kind in product(range(seed, seed + times), directions, tests):
         with progress_of(f"simulating {test}, seed {number}"):
-            run = analysis.simulate(rig_file, kind, one, seed=number, effects=effects)
+            run = analysis.simulate(rig_file, kind, way, seed=number, effects=effects)
             path = directory / run.path
             if csv:
                 path = path.with_suffix(".csv")

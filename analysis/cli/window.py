@@ -74,7 +74,7 @@ def window(
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn"):
             raise
-        what = f"needs {error.name}, which is not installed"
-        raise CellError("rig window", what, to_install("starlette", "uvicorn")) from None
+        problem = f"needs {error.name}, which is not installed"
+        raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
     asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
     run_window(asked, say)

@@ -5,7 +5,6 @@ Text passes the gate of `rigs.text` here. A wide character takes two cells; what
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -39,7 +38,8 @@ class Canvas:
         for number, row in enumerate(self._cells):
             if number:
                 yield Segment.line()
-            yield from _segments(row)
+            for style, cells in groupby(row, key=lambda cell: cell[1]):
+                yield Segment("".join(character for character, _ in cells), Style.parse(style) if style else None)
 
     def at(self, row: int, column: int) -> str:
         """Return the character of a cell."""
@@ -65,11 +65,6 @@ class Canvas:
         if place + 1 < self.width and cells[place + 1][0] == "":
             cells[place + 1] = (" ", "")
         cells[place] = (" ", "")
-
-
-def _segments(row: list[_Cell]) -> Iterator[Segment]:
-    for style, cells in groupby(row, key=lambda cell: cell[1]):
-        yield Segment("".join(character for character, _ in cells), Style.parse(style) if style else None)
 
 
 @dataclass(frozen=True)
@@ -111,4 +106,4 @@ class Area:
     def columns(self, *widths: int) -> list[Area]:
         """Return rectangles beside each other."""
         lefts = [sum(widths[:k]) for k in range(len(widths))]
-        return [self.part(0, left, width, self.height) for left, width in zip(lefts, widths, strict=True)]
+        return [self.part(0, column, width, self.height) for column, width in zip(lefts, widths, strict=True)]

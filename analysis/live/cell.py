@@ -37,10 +37,10 @@ class Cell:
     def phi(self, q: Array) -> Array:
         """Circle angle (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan where the tool is not on the circle."""
         phi = np.full(len(q), np.nan)
-        there = np.isfinite(q).all(axis=1)
-        if self.frame is not None and there.any():
-            tool = forward(self.arm, q[there])[:, :3, 3]
-            phi[there] = np.where(is_on_circle(tool, self.frame), self.frame.angle(tool) % (2 * np.pi), np.nan)
+        known_rows = np.isfinite(q).all(axis=1)
+        if self.frame is not None and known_rows.any():
+            tool = forward(self.arm, q[known_rows])[:, :3, 3]
+            phi[known_rows] = np.where(is_on_circle(tool, self.frame), self.frame.angle(tool) % (2 * np.pi), np.nan)
         return phi
 
     def error_source(self, g_mm: Array) -> Array:

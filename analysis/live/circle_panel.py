@@ -68,9 +68,9 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
         x, y = placed(np.array([phi_rad]), share)
         area.put(int(y[0] // 4), int(x[0] // 2), character, style)
 
-    for one in view.reversals[-_MARKS:]:
-        if math.isfinite(one.phi_rad):
-            mark(one.phi_rad, _OUTSIDE, f"{one.axis}", direction_colour(one.sense))
+    for reversal in view.reversals[-_MARKS:]:
+        if math.isfinite(reversal.phi_rad):
+            mark(reversal.phi_rad, _OUTSIDE, f"{reversal.axis}", direction_colour(reversal.sense))
     mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
     for row, words in enumerate(_legend(view, controls, curves, scale)):
         area.put(
@@ -88,8 +88,8 @@ def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorC
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):
-        more = "" if curve.is_whole or not len(curve.phi) else "…"
-        words.append(f"{name} {curve.band * factor:.4f}{unit}{more}" if len(curve.phi) else f"{name} –")
+        ending = "" if curve.is_whole or not len(curve.phi) else "…"
+        words.append(f"{name} {curve.band * factor:.4f}{unit}{ending}" if len(curve.phi) else f"{name} –")
     if not any(len(curve.phi) for curve in curves):
         return words
     less = "sine" if all(curve.less_sine for curve in curves if len(curve.phi)) else "mean"

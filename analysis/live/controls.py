@@ -184,9 +184,11 @@ def label_of(text: str) -> tuple[Label | None, str]:
     words = text.split()
     if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
         return None, f"{_LABEL}; tests: {', '.join(_TESTS)}"
-    name, test, *given = words
-    direction: Direction | None = next((one for one in get_args(Direction) if given == [one]), None)
-    if (test in CIRCLES) != (direction is not None) or len(given) != (direction is not None):
-        what = f"a {test} test needs its direction, acw or cw" if test in CIRCLES else f"a {test} test has no direction"
-        return None, what
+    name, test, *direction_words = words
+    direction: Direction | None = next((way for way in get_args(Direction) if direction_words == [way]), None)
+    if (test in CIRCLES) != (direction is not None) or len(direction_words) != (direction is not None):
+        problem = (
+            f"a {test} test needs its direction, acw or cw" if test in CIRCLES else f"a {test} test has no direction"
+        )
+        return None, problem
     return Label(name, test, direction), ""

@@ -76,6 +76,6 @@ def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[
 
 def _without_gaps(line: Array) -> list[slice]:
     """The stretches of a line (n,) without nan."""
-    there = np.concatenate([[False], np.isfinite(line), [False]])
-    begins, ends = np.flatnonzero(there[1:] & ~there[:-1]), np.flatnonzero(there[:-1] & ~there[1:])
+    finite = np.concatenate([[False], np.isfinite(line), [False]])
+    begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
     return [slice(begin, end) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]

@@ -101,24 +101,24 @@ class DaemonSource:
 
     def updates(self) -> list[Update]:
         """Return what has come since the last call; after some seconds of nothing, that nothing comes."""
-        found: list[Update] = []
+        updates: list[Update] = []
         with suppress(Empty):
             while True:
-                found.append(self._updates.get_nowait())
+                updates.append(self._updates.get_nowait())
         now_s = time.monotonic()
-        if found:
+        if updates:
             self._heard_s = now_s
         elif now_s - self._heard_s > 2.0:
             return [Update(lost=f"rigd has not answered for {now_s - self._heard_s:.0f} s")]
-        return found
+        return updates
 
-    def request(self, command: str, fields: Mapping[str, Any], told: Callable[[dict[str, Any]], str]) -> None:
+    def request(self, command: str, fields: Mapping[str, Any], notice_of: Callable[[dict[str, Any]], str]) -> None:
         """Send a request of a person; its answer, or the error, comes as a notice."""
 
         def ask() -> None:
             try:
                 with Client(self._find()) as client:
-                    notice = told(client.ask(command, **fields))
+                    notice = notice_of(client.ask(command, **fields))
             except RigError as error:
                 notice = str(error)
             self._updates.put(Update(notice=notice))
@@ -147,7 +147,7 @@ class DaemonSource:
 def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
     """Return the samples of a `samples` answer by instrument, in mm and rad. signs: by which the readings of the gauges
     grow with the distance from the ball."""
-    found = {}
+    tracks = {}
     for stream in streams.values():
         if not stream["rows"]:
             continue
@@ -155,27 +155,27 @@ def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict
         columns = dict(zip(stream["columns"], values.T[1:], strict=True))
         for name, sign in zip(GAUGES, signs, strict=False):
             if f"{name}_mm" in columns:
-                found[name] = _track(values[:, 0], sign * columns[f"{name}_mm"][:, None])
+                tracks[name] = _track(values[:, 0], sign * columns[f"{name}_mm"][:, None])
         if all(joint in columns for joint in _JOINTS):
-            found[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
-    return {name: track for name, track in found.items() if len(track.t_s)}
+            tracks[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
+    return {name: track for name, track in tracks.items() if len(track.t_s)}
 
 
 def _further_of(streams: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """The last samples, s and mm, of gauges beside the two that tests take; no row waits for them."""
-    found = {}
+    latest = {}
     for stream in streams.values():
         for place, column in enumerate(stream["columns"], start=1):
             name = column.removesuffix("_mm")
             last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
             if name in FURTHER and last is not None and np.isfinite(last[place]):
-                found[name] = (last[0] / 1e9, float(last[place]))
-    return found
+                latest[name] = (last[0] / 1e9, float(last[place]))
+    return latest
 
 
 def _track(t_ns: Array, values: Array) -> Track:
-    there = np.isfinite(values).all(axis=1)
-    return Track(t_ns[there] / 1e9, values[there])
+    complete = np.isfinite(values).all(axis=1)
+    return Track(t_ns[complete] / 1e9, values[complete])
 
 
 def _cell(rig_lines: list[str]) -> tuple[Cell | None, str]:

@@ -33,8 +33,8 @@ class Dots:
         """Draw points (n,), whose unit is the dot, over what is there; those outside the area are left out."""
         if not self.width_dots or not self.height_dots:
             return
-        there = np.isfinite(x) & np.isfinite(y)
-        column, row = np.floor(x[there]).astype(np.int64), np.floor(y[there]).astype(np.int64)
+        finite = np.isfinite(x) & np.isfinite(y)
+        column, row = np.floor(x[finite]).astype(np.int64), np.floor(y[finite]).astype(np.int64)
         inside = (column >= 0) & (column < self.width_dots) & (row >= 0) & (row < self.height_dots)
         lit: Mask = np.zeros((self.height_dots, self.width_dots), dtype=bool)
         lit[row[inside], column[inside]] = True

@@ -74,7 +74,16 @@ def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
     """Return the error curves acw and cw in degrees, or in mm where the rig has one gauge."""
     per = math.degrees(1.0) if view.cell is not None and view.cell.has_angle else 1.0
     curves = [sweep.curve() for sweep in (view.acw, view.cw)]
-    acw, cw = (ErrorCurve(one.phi, one.error * per, one.is_whole, one.less_sine, one.band * per) for one in curves)
+    acw, cw = (
+        ErrorCurve(
+            sweep_curve.phi,
+            sweep_curve.error * per,
+            sweep_curve.is_whole,
+            sweep_curve.less_sine,
+            sweep_curve.band * per,
+        )
+        for sweep_curve in curves
+    )
     return acw, cw
 
 
@@ -115,8 +124,8 @@ def figures(view: LiveView) -> dict[str, Any]:
         "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
         "reversals": sum(view.reversal_counts),
         "joints_reversals": list(view.reversal_counts),
-        "connected": {name: one["connected"] for name, one in state["streams"].items()} if state else {},
-        "rate_hz": {name: round(one["rate_hz"], 2) for name, one in state["streams"].items()} if state else {},
+        "connected": {name: stream["connected"] for name, stream in state["streams"].items()} if state else {},
+        "rate_hz": {name: round(stream["rate_hz"], 2) for name, stream in state["streams"].items()} if state else {},
     }
 
 
@@ -140,7 +149,7 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
             lap = f", {100 * share:.0f} % of the lap"
         parts.append(f"φ {phi:.1f}°{sense}{lap}")
     parts.append(f"{sum(view.reversal_counts)} reversals")
-    if view.state and (lost := [name for name, one in view.state["streams"].items() if not one["connected"]]):
+    if view.state and (lost := [name for name, stream in view.state["streams"].items() if not stream["connected"]]):
         parts.append(f"lost: {', '.join(lost)}")
     if view.name and not view.played:
         parts.append(f"recording {view.name}")

@@ -63,7 +63,7 @@ def draw_angle(area: Area, view: LiveView, controls: Controls, scale: int) -> No
     column = area.put(0, 1, angle_name(view), f"bold {ANGLE_COLOUR}")
     area.put(0, column, " °" if degrees is not None else " needs two gauges", "" if degrees is not None else "dim")
     if degrees is not None:
-        fits = [one for one in range(1, scale + 1) if width_of(_ANGLE_TEXT, one) <= area.width - 2]
+        fits = [candidate for candidate in range(1, scale + 1) if width_of(_ANGLE_TEXT, candidate) <= area.width - 2]
         put_large(area, 1, 1, f"{degrees:8.4f}", max(fits, default=1), f"bold {ANGLE_COLOUR}")
     draw_lap(area.part(area.height - 1, 0, area.width, 1), view)
 
@@ -103,10 +103,10 @@ def _text(view: LiveView, controls: Controls, k: int, mm: float) -> str:
 
 
 def _widest(view: LiveView, controls: Controls, k: int) -> float:
-    known = [] if view.extremes_mm is None else [float(mm) for mm in view.extremes_mm[k] if math.isfinite(mm)]
+    values = [] if view.extremes_mm is None else [float(mm) for mm in view.extremes_mm[k] if math.isfinite(mm)]
     name = f"g{k + 1}"
-    known += [view.readings[name].mm] if name in view.readings else []
-    return max(known, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
+    values += [view.readings[name].mm] if name in view.readings else []
+    return max(values, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
 
 
 def _trend(area: Area, view: LiveView, units: Units, k: int, column: int) -> None:
@@ -125,8 +125,8 @@ def _range(area: Area, view: LiveView, controls: Controls, k: int) -> None:
         return
     low, high = (float(mm) for mm in view.extremes_mm[k])
     units, row, zero = controls.units, area.height - 1, controls.zero_mm[k]
-    left, right = (f"{(mm - zero) * units.per_mm:.{units.decimals}f}" for mm in (low, high))
-    column = area.put(row, 1, f"min {left} ", "dim")
+    low_text, right = (f"{(mm - zero) * units.per_mm:.{units.decimals}f}" for mm in (low, high))
+    column = area.put(row, 1, f"min {low_text} ", "dim")
     end = area.width - len(right) - 6
     ranges = view.cell.range_mm if view.cell else ()
     stated = ranges[k] if k < len(ranges) else None

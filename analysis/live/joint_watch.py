@@ -29,28 +29,28 @@ def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], Non
     Raises CellError where the daemon goes, or the robot sends no joints."""
     times: list[Array] = []
     angles: list[Array] = []
-    after: dict[str, int] = {name: one["newest"] for name, one in _samples(client, {}).items()}
+    after: dict[str, int] = {name: stream["newest"] for name, stream in _samples(client, {}).items()}
     begun_s = heard_s = shown_s = time.monotonic()
     try:
         while True:
             time.sleep(_ASK_S)
             streams = _samples(client, after)
-            after = {name: one["newest"] for name, one in streams.items()}
+            after = {name: stream["newest"] for name, stream in streams.items()}
             now_s = time.monotonic()
             if track := tracks_of(streams).get(ROBOT):
                 times.append(track.t_s)
                 angles.append(track.values)
                 heard_s = now_s
             if now_s - heard_s > _SILENT_S:
-                what = f"the robot has sent no joints for {now_s - heard_s:.0f} s"
-                raise CellError(where, what, "check its connection with rig status, and begin again")
+                problem = f"the robot has sent no joints for {now_s - heard_s:.0f} s"
+                raise CellError(where, problem, "check its connection with rig status, and begin again")
             if now_s - shown_s > _SHOW_S and times:
                 shown_s = now_s
                 show(_motion(times, angles, where))
     except KeyboardInterrupt:
         if not times:
-            what = f"no joints came within {time.monotonic() - begun_s:.0f} s"
-            raise CellError(where, what, "check the robot's connection with rig status") from None
+            problem = f"no joints came within {time.monotonic() - begun_s:.0f} s"
+            raise CellError(where, problem, "check the robot's connection with rig status") from None
         return _motion(times, angles, where)
 
 

@@ -44,21 +44,23 @@ class JointMotion:
         the lap."""
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
-        found: list[JointReversal] = []
-        for t_s, q, here, lap_sense in zip(rows.t_s.tolist(), rows.q, phi.tolist(), senses.tolist(), strict=True):
+        reversals: list[JointReversal] = []
+        for t_s, q, angle, lap_sense in zip(rows.t_s.tolist(), rows.q, phi.tolist(), senses.tolist(), strict=True):
             if not math.isfinite(q.sum()):
                 continue
             away = q - extreme
             turned = (sense != 0) & (-sense * away > PROMINENCE_RAD)
             for axis in np.flatnonzero(turned).tolist():
                 upper = bool(sense[axis] > 0)
-                found.append(JointReversal(axis + 1, float(at_t_s[axis]), float(at_phi[axis]), upper, int(lap_sense)))
+                reversals.append(
+                    JointReversal(axis + 1, float(at_t_s[axis]), float(at_phi[axis]), upper, int(lap_sense))
+                )
             begins = (sense == 0) & (np.abs(away) > PROMINENCE_RAD)
             sense = np.where(turned, -sense, np.where(begins, np.sign(away), sense))
             further = np.isnan(extreme) | turned | begins | (sense * away > 0)
             extreme, at_t_s = np.where(further, q, extreme), np.where(further, t_s, at_t_s)
-            at_phi = np.where(further, here, at_phi)
-        return JointMotion(sense, extreme, at_t_s, at_phi), found
+            at_phi = np.where(further, angle, at_phi)
+        return JointMotion(sense, extreme, at_t_s, at_phi), reversals
 
 
 def speeds(rows: Rows) -> Array:

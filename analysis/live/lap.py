@@ -72,15 +72,15 @@ class LapProgress:
             return self.ended()
         if math.isnan(self.phi_rad):
             return replace(self, phi_rad=phi, sense=0, extreme_rad=phi, from_rad=phi)
-        here = self.phi_rad + math.remainder(phi - self.phi_rad, _TURN)
-        away = here - self.extreme_rad
-        moved = replace(self, phi_rad=here)
+        turned_to = self.phi_rad + math.remainder(phi - self.phi_rad, _TURN)
+        away = turned_to - self.extreme_rad
+        moved = replace(self, phi_rad=turned_to)
         if self.sense * away > 0:
-            return replace(moved, extreme_rad=here)
+            return replace(moved, extreme_rad=turned_to)
         if abs(away) <= _TURNS_BACK_RAD:
             return moved
         from_rad = self.extreme_rad if self.sense else self.from_rad
-        return replace(moved.counted(), sense=1 if away > 0 else -1, extreme_rad=here, from_rad=from_rad)
+        return replace(moved.counted(), sense=1 if away > 0 else -1, extreme_rad=turned_to, from_rad=from_rad)
 
     @property
     def _begun_rad(self) -> float:

@@ -52,12 +52,14 @@ class PlayedRun:
         """Whether all of it has been shown."""
         return self.shown >= len(self.rows)
 
-    def followed_by(self, other: PlayedRun) -> tuple[PlayedRun, Update]:
+    def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
         """Return another run at the time, speed and pause of this one, and what is new with it."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
-        cell = other.cell if other.rig_sha256 != self.rig_sha256 else None
-        label = (other.name, other.test, other.direction)
-        return replace(other, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(cell=cell, label=label)
+        cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
+        label = (following.name, following.test, following.direction)
+        return replace(following, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(
+            cell=cell, label=label
+        )
 
     def begun(self) -> LiveView:
         """Return the view before the first row."""
@@ -101,8 +103,8 @@ def _recorded(path: Path, run: Run, rig: Rig) -> Rows:
 def _imported(path: Path, run: Run, rows: pa.Table) -> Rows:
     table = table_from(rows, run.manifest.test, run.manifest.direction, str(path))
     if not isinstance(table, CircleTable):
-        what = f"is a {run.manifest.test} table, which holds targets and no motion"
-        raise FileError(str(path), what, "play a circle, or a run that rigd recorded")
+        problem = f"is a {run.manifest.test} table, which holds targets and no motion"
+        raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
     return Rows(table.t_s, _two(table.g_mm), table.q)
 
 

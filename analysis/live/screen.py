@@ -24,21 +24,16 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
     canvas = Canvas(max(1, width), max(1, height))
     area = canvas.area()
     if width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
-        _small(area, view, controls)
+        rows = [part.strip() for part in plain_line(view, controls.units, controls.zero_mm).split(";")]
+        for row, words in enumerate(rows[: area.height]):
+            area.put(row, 0, words)
+        if area.height > len(rows):
+            draw_foot(area.part(len(rows), 0, area.width, area.height - len(rows)), view, controls)
     else:
         _whole(area, view, controls)
     if controls.shows_help:
         draw_help(area)
     return canvas
-
-
-def _small(area: Area, view: LiveView, controls: Controls) -> None:
-    """Figures without pictures, a row each, as many as there is room for."""
-    rows = [part.strip() for part in plain_line(view, controls.units, controls.zero_mm).split(";")]
-    for row, words in enumerate(rows[: area.height]):
-        area.put(row, 0, words)
-    if area.height > len(rows):
-        draw_foot(area.part(len(rows), 0, area.width, area.height - len(rows)), view, controls)
 
 
 def _whole(area: Area, view: LiveView, controls: Controls) -> None:
@@ -76,22 +71,18 @@ def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool)
         draw_angle(right.part(0, 0, right.width, gauge_rows(1)), view, controls, 1)
         top = gauge_rows(1) + 1
     elif with_angle:
-        _angle_in_words(right, view, controls)
+        degrees = angle_deg(view, controls.zero_mm)
+        right.put(0, 1, f"{angle_name(view)} {degrees:.4f}°" if degrees is not None else "", "bold")
+        draw_lap(right.part(1, 0, right.width, 1), view)
         top = 2
     else:
         top = 1
-    rest = right.part(top, 0, right.width, right.height - top)
+    below = right.part(top, 0, right.width, right.height - top)
     straight = area.width >= _STRAIGHT
-    joints, others = rest.rows(7, rest.height - 7)
+    joints, others = below.rows(7, below.height - 7)
     if straight:
-        left, plot = rest.columns(min(66, rest.width // 2), rest.width - min(66, rest.width // 2))
-        joints, others = left.rows(7, left.height - 7)
+        column, plot = below.columns(min(66, below.width // 2), below.width - min(66, below.width // 2))
+        joints, others = column.rows(7, column.height - 7)
         draw_straight(plot, view, controls, curves)
     draw_joints(joints, view)
     draw_events(others, view)
-
-
-def _angle_in_words(area: Area, view: LiveView, controls: Controls) -> None:
-    degrees = angle_deg(view, controls.zero_mm)
-    area.put(0, 1, f"{angle_name(view)} {degrees:.4f}°" if degrees is not None else "", "bold")
-    draw_lap(area.part(1, 0, area.width, 1), view)

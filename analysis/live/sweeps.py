@@ -55,10 +55,10 @@ class Sweep:
 
     def curve(self) -> ErrorCurve:
         """Return the error over the circle angles that were measured."""
-        there = np.isfinite(self.last)
-        if there.sum() < 2:
+        measured = np.isfinite(self.last)
+        if measured.sum() < 2:
             return NO_CURVE
-        phi, values = PHI[there] + np.pi / NODES, self.last[there]
+        phi, values = PHI[measured] + np.pi / NODES, self.last[measured]
         gaps = np.diff(phi, append=phi[0] + 2 * np.pi)
         if gaps.max() <= _WIDEST_RAD:
             nodes = np.interp(PHI, phi, values, period=2 * np.pi)

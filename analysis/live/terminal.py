@@ -116,9 +116,9 @@ def keys_of(terminal: TextIO) -> Iterator[Keys]:
     before = termios.tcgetattr(descriptor)
     try:
         tty.setcbreak(descriptor)
-        own = termios.tcgetattr(descriptor)
-        own[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the shell with this screen
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, own)
+        attributes = termios.tcgetattr(descriptor)
+        attributes[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the shell with this screen
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, attributes)
         yield Keys(descriptor)
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -42,8 +42,8 @@ def draw_head(area: Area, view: LiveView) -> None:
 
 def _recording(area: Area, column: int, state: dict[str, Any], cut: str) -> None:
     if state["recording"]:
-        what = " ".join(filter(None, (state["test"], state["direction"])))
-        words = f"● recording {state['recording']} ({what}) {state['seconds']:.0f} s"
+        label = " ".join(filter(None, (state["test"], state["direction"])))
+        words = f"● recording {state['recording']} ({label}) {state['seconds']:.0f} s"
         area.put(0, column, words, "bold red")
         return
     column = area.put(0, column, "not recording", "dim") + 2
@@ -86,7 +86,12 @@ def draw_events(area: Area, view: LiveView) -> None:
     area.put(0, 1, "what happened", "bold")
     now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
     for row, event in enumerate(reversed(view.events[-max(0, area.height - 1) :] if area.height > 1 else ()), start=1):
-        area.put(row, 1, f"{now_s - event.t_s:6.1f} s ago  {event_words(event, view)}", _style(event))
+        area.put(
+            row,
+            1,
+            f"{now_s - event.t_s:6.1f} s ago  {event_words(event, view)}",
+            "yellow" if event.reversal is None else direction_colour(event.reversal.sense),
+        )
 
 
 def draw_links(area: Area, view: LiveView) -> None:
@@ -113,7 +118,10 @@ def draw_links(area: Area, view: LiveView) -> None:
         column = _clock(area, row, column + 1, state.get("clocks", {}).get(name))
         faults = ", ".join(f"{n} {kind}" for kind, n in stream["counters"].items() if kind != "samples")
         area.put(
-            row, column + 1, f"{faults}; last: {stream['last_fault']}" if faults else "no faults", _fault_style(faults)
+            row,
+            column + 1,
+            f"{faults}; last: {stream['last_fault']}" if faults else "no faults",
+            "yellow" if faults else "dim",
         )
     _room(area, len(rows), state)
 
@@ -176,21 +184,13 @@ def event_words(event: Event, view: LiveView) -> str:
     """Return what happened, in words."""
     if event.reversal is None:
         return event.words
-    one = event.reversal
-    name = f" ({view.cell.axes[one.axis - 1]})" if view.cell else ""
-    return f"axis {one.axis}{name} turned back at {_place(one)}"
+    reversal = event.reversal
+    name = f" ({view.cell.axes[reversal.axis - 1]})" if view.cell else ""
+    return f"axis {reversal.axis}{name} turned back at {_place(reversal)}"
 
 
-def _place(one: JointReversal) -> str:
+def _place(reversal: JointReversal) -> str:
     """Where a joint turned back, and which way: upper is from rising to falling in time."""
-    return (f"φ {math.degrees(one.phi_rad):5.1f}° " if math.isfinite(one.phi_rad) else "") + (
-        "▲▼" if one.upper else "▼▲"
+    return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
+        "▲▼" if reversal.upper else "▼▲"
     )
-
-
-def _style(event: Event) -> str:
-    return "yellow" if event.reversal is None else direction_colour(event.reversal.sense)
-
-
-def _fault_style(faults: str) -> str:
-    return "yellow" if faults else "dim"

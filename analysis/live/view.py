@@ -150,13 +150,13 @@ class LiveView:
     def trends_mm_s(self) -> Array:
         """Least-squares slope (2,) mm/s of each gauge over the last two seconds; nan where it is unknown."""
         recent = self.since(_TREND_S)
-        found = np.full(2, np.nan)
+        slopes = np.full(2, np.nan)
         for k in range(2):
-            there = np.isfinite(recent.g_mm[:, k])
-            if there.sum() >= _LEAST_TREND and np.ptp(recent.t_s[there]) > 0:
-                t_s = recent.t_s[there] - recent.t_s[there].mean()
-                found[k] = float(t_s @ recent.g_mm[there, k] / (t_s @ t_s))
-        return found
+            finite = np.isfinite(recent.g_mm[:, k])
+            if finite.sum() >= _LEAST_TREND and np.ptp(recent.t_s[finite]) > 0:
+                t_s = recent.t_s[finite] - recent.t_s[finite].mean()
+                slopes[k] = float(t_s @ recent.g_mm[finite, k] / (t_s @ t_s))
+        return slopes
 
     def since(self, seconds: float) -> Rows:
         """Return the rows of the last seconds."""
@@ -174,7 +174,7 @@ class LiveView:
 
     def _with_words(self, words: Iterable[str]) -> LiveView:
         at_s = float(self.rows.t_s[-1]) if len(self.rows) else 0.0
-        return self._with_events(Event(at_s, one) for one in words)
+        return self._with_events(Event(at_s, sentence) for sentence in words)
 
     def _with_loss(self, update: Update) -> LiveView:
         """Only what the daemon reads shows that it is back: a refused request comes while it is lost as well."""
@@ -217,11 +217,12 @@ class LiveView:
 
     def _with_reversals(self, turned: Sequence[JointReversal]) -> LiveView:
         counts = tuple(
-            count + sum(one.axis == axis for one in turned) for axis, count in enumerate(self.reversal_counts, start=1)
+            count + sum(reversal.axis == axis for reversal in turned)
+            for axis, count in enumerate(self.reversal_counts, start=1)
         )
-        last = {**self.last_reversals, **{one.axis: one for one in turned}}
+        last = {**self.last_reversals, **{reversal.axis: reversal for reversal in turned}}
         view = replace(self, reversal_counts=counts, last_reversals=last)
-        return view._with_events(Event(one.t_s, "", one) for one in turned)
+        return view._with_events(Event(reversal.t_s, "", reversal) for reversal in turned)
 
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
         """A way back between two laps is no measurement in the other direction."""

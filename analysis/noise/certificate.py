@@ -77,7 +77,7 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
     Given and returned they grow with the distance from the ball; a certificate is of what the gauge shows.
     """
     gauges, doubts = dict(rig.gauges), []
-    certified = [(column, name, one) for column, name in enumerate(names) if (one := gauges[name].certificate)]
+    certified = [(column, name, held) for column, name in enumerate(names) if (held := gauges[name].certificate)]
     if certified:
         g_mm = g_mm.copy()
     for column, name, certificate in certified:
@@ -110,7 +110,8 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
     return Systematic(
         tuple(
-            _u_mm(one, _furthest_mm(column), rig) if one else 0.0 for one, column in zip(gauges, g_mm.T, strict=True)
+            _u_mm(certificate, max(abs(float(column.min())), abs(float(column.max()))), rig) if certificate else 0.0
+            for certificate, column in zip(gauges, g_mm.T, strict=True)
         ),
         math.hypot(form_mm, _u_mm(rig.ball, 0.0, rig)),
         _u_mm(rig.link, rig.link.length_mm if rig.link else 0.0, rig),
@@ -119,24 +120,21 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
 
 def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     """Return doubts about the certificates of the parts `names` on the day of a measurement."""
-    held = [(name, one) for name, one in _certificates(rig) if name in names]
+    certificates = [(name, certificate) for name, certificate in _certificates(rig) if name in names]
     overdue = [
-        f"{name}: certificate {one.number} was valid until {one.due}, and this is of {on}; have it calibrated"
-        for name, one in held
-        if one.due is not None and one.due < on
+        f"{name}: certificate {certificate.number} was valid until {certificate.due}, and this is of {on}; "
+        "have it calibrated"
+        for name, certificate in certificates
+        if certificate.due is not None and certificate.due < on
     ]
-    if rig.temperature is None and any(one.coefficient_per_c for _, one in held):
+    if rig.temperature is None and any(certificate.coefficient_per_c for _, certificate in certificates):
         overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
     return overdue
 
 
-def _furthest_mm(reading_mm: Array) -> float:
-    return max(abs(float(reading_mm.min())), abs(float(reading_mm.max())))
-
-
 def _certificates(rig: Rig) -> Iterator[tuple[str, Certificate]]:
     named = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
-    yield from ((name, one) for name, one in named if one is not None)
+    yield from ((name, certificate) for name, certificate in named if certificate is not None)
 
 
 def _growth(certificate: Certificate, temperature: Temperature | None) -> float:

@@ -35,8 +35,8 @@ _NEAR = 41
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
     """Return laps (L, NODES) of one gauge, in order of time, without the steps of its clamp; and those steps."""
     slips: list[float] = []
-    while len(slips) < len(laps) and (found := _clearest(laps)):
-        lap, node, step = found
+    while len(slips) < len(laps) and (clearest := _clearest(laps)):
+        lap, node, step = clearest
         between = laps[lap + 1] - laps[lap]
         before = float(np.median(between[max(0, node - _LEVEL) : node]))
         after = float(np.median(between[node : node + _LEVEL]))

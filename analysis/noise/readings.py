@@ -36,14 +36,14 @@ def running_median(values: Array) -> Array:
     """Return the median (n,), in the unit of the values, of each value and its three neighbours on either side, with
     the ends repeated."""
     padded = np.pad(values, 3, mode="edge")
-    found = np.empty(len(values))
+    medians = np.empty(len(values))
     for begin in range(0, len(values), _BLOCK):
         end = min(begin + _BLOCK, len(values))
         seven = [padded[begin + k : end + k] for k in range(7)]
         for low, high in _SORTING:
             seven[low], seven[high] = np.minimum(seven[low], seven[high]), np.maximum(seven[low], seven[high])
-        found[begin:end] = seven[3]
-    return found
+        medians[begin:end] = seven[3]
+    return medians
 
 
 def is_wild(values: Array) -> Mask:

@@ -58,6 +58,6 @@ def shared_rounding(step_mm: float, noise_sq: Array) -> Array:
     """
     if step_mm == 0:
         return np.zeros_like(noise_sq)
-    left = np.exp(-((2 * np.pi * _HARMONICS / step_mm) ** 2) * noise_sq) / _HARMONICS**2
-    values: Array = step_mm**2 / (2 * np.pi**2) * left.sum(axis=0)
+    damped = np.exp(-((2 * np.pi * _HARMONICS / step_mm) ** 2) * noise_sq) / _HARMONICS**2
+    values: Array = step_mm**2 / (2 * np.pi**2) * damped.sum(axis=0)
     return values

@@ -105,8 +105,8 @@ def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> 
     white, slow = _banded(_white(rows)), _banded(_shapes(lap_s, len(laps))[0])
     weight = freedom * _weights()
     evidence = np.empty((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
-    for shape, one in enumerate(slow):
-        power = _WHITES_MM[:, None, None] ** 2 * white + _SLOWS_MM[None, :, None] ** 2 * one
+    for shape, slow_power in enumerate(slow):
+        power = _WHITES_MM[:, None, None] ** 2 * white + _SLOWS_MM[None, :, None] ** 2 * slow_power
         power[:, :, 0] += drifted
         evidence[:, :, shape] = -(np.log(power) + seen / power) @ weight
     return evidence

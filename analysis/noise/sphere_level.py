@@ -47,31 +47,31 @@ class SphereLevel:
         of_target = precision.sum(axis=2)
         seen = (precision * level).sum(axis=2) / np.maximum(of_target, 1e-300)
         sphere, moved = self._sphere(rng, of_target / (1 + of_target * along), seen)
-        held = 1 / along
-        total = of_target + held
-        target = (of_target * seen + held * sphere) / total
-        shifted = held * moved / total + rng.standard_normal(target.shape) / np.sqrt(total)
-        held = 1 / across
-        total = weight + held
-        best = (weight * mean + held * (target[..., None] + self._tilt[:, None, :])) / total
-        cell = best + held * shifted[..., None] / total + rng.standard_normal(best.shape) / np.sqrt(total)
+        prior = 1 / along
+        total = of_target + prior
+        target = (of_target * seen + prior * sphere) / total
+        shifted = prior * moved / total + rng.standard_normal(target.shape) / np.sqrt(total)
+        prior = 1 / across
+        total = weight + prior
+        best = (weight * mean + prior * (target[..., None] + self._tilt[:, None, :])) / total
+        cell = best + prior * shifted[..., None] / total + rng.standard_normal(best.shape) / np.sqrt(total)
         self._target = target + shifted
-        own = cell - self._target[..., None] - self._tilt[:, None, :]
-        self._widths(rng, self._target - sphere - moved, own * (weight > 0), weight)
+        residual = cell - self._target[..., None] - self._tilt[:, None, :]
+        self._widths(rng, self._target - sphere - moved, residual * (weight > 0), weight)
         return best, cell
 
     def _begin(self, weight: Array, mean: Array) -> None:
         """Initialise from plain means, with the noise known so far subtracted."""
-        there = weight > 0
+        seen_cells = weight > 0
         self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
         self._tilt = np.zeros((len(weight), weight.shape[2]))
         away = mean - self._target[..., None]
         self._orientation_mm2 = np.full(len(weight), _LEAST_MM2)
         if not self._alone:
-            excess = (weight * away**2).sum(axis=(1, 2)) - (there.sum(axis=2) - 1).clip(min=0).sum(axis=1)
+            excess = (weight * away**2).sum(axis=(1, 2)) - (seen_cells.sum(axis=2) - 1).clip(min=0).sum(axis=1)
             self._orientation_mm2 = np.maximum(excess / weight.sum(axis=(1, 2)), _LEAST_MM2)
-        left = self._target - self._target @ self._basis @ self._basis.T / len(self._basis)
-        self._target_mm2 = np.maximum((left**2).mean(axis=1), _LEAST_MM2)
+        off_sphere = self._target - self._target @ self._basis @ self._basis.T / len(self._basis)
+        self._target_mm2 = np.maximum((off_sphere**2).mean(axis=1), _LEAST_MM2)
         self._begun = True
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:

@@ -134,11 +134,11 @@ def _typical(away_mm: Array, least_mm: float) -> float:
 def _drift_shapes(t_s: Array) -> Array:
     """Return polynomials (t, k, n, d) of the time of each reading, with mean zero over the run, in mm of the drift that
     a real cell may have over it."""
-    there = np.isfinite(t_s)
-    begin, end = float(t_s[there].min()), float(t_s[there].max())
-    x = np.where(there, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
+    read = np.isfinite(t_s)
+    begin, end = float(t_s[read].min()), float(t_s[read].max())
+    x = np.where(read, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
     shapes = np.polynomial.legendre.legvander(x, _DRIFT_DEGREE)[..., 1:]
-    shapes = np.where(there[..., None], shapes - shapes[there].mean(axis=0), 0.0)
+    shapes = np.where(read[..., None], shapes - shapes[read].mean(axis=0), 0.0)
     values: Array = shapes * DRIFT_MM_PER_S * (end - begin) / 2 / np.arange(1, _DRIFT_DEGREE + 1)
     return values
 
@@ -157,9 +157,9 @@ class _Sampler:
 
     def _within(self, values: Array) -> Array:
         """Return values (t, k, n, d) minus their mean over the readings of a cell."""
-        there = self.there[..., None]
-        mean = np.where(there, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(there.sum(axis=2, keepdims=True), 1)
-        away: Array = np.where(there, values - mean, 0.0)
+        read = self.there[..., None]
+        mean = np.where(read, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(read.sum(axis=2, keepdims=True), 1)
+        away: Array = np.where(read, values - mean, 0.0)
         return away
 
     def begin(self) -> None:
@@ -206,8 +206,8 @@ class _Sampler:
         rounding error."""
         if self.step_mm == 0:
             return cell
-        held = shared / (1 + shared * total)
-        drawn: Array = cell + held * total * (mean - cell) + np.sqrt(held) * self.rng.standard_normal(cell.shape)
+        prior = shared / (1 + shared * total)
+        drawn: Array = cell + prior * total * (mean - cell) + np.sqrt(prior) * self.rng.standard_normal(cell.shape)
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:

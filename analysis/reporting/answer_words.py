@@ -27,38 +27,38 @@ arms without a fault shows as much of it."""
 _MOST_NAMED = 3
 
 
-def large_parts(found: Diagnosis) -> list[BudgetPart]:
+def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
     """What makes more than a third of the error and is no fault, so that the condition does not say it: what is sure,
     also where it may be one of a few, and groups of which the members are said."""
-    faults = [part_of(found, one) for one in found.standing]
+    faults = [part_of(diagnosis, named) for named in diagnosis.standing]
     return [
-        one
-        for one in found.budget
-        if one.share > LARGE_SHARE
-        and one.kind not in ("scatter", "unexplained")
-        and one not in faults
-        and (is_there(found, one) or one.members)
+        part
+        for part in diagnosis.budget
+        if part.share > LARGE_SHARE
+        and part.kind not in ("scatter", "unexplained")
+        and part not in faults
+        and (is_there(diagnosis, part) or part.members)
     ]
 
 
-def sure_parts(found: Diagnosis) -> list[BudgetPart]:
+def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
     """Single effects that are sure, and larger than most arms show, though they are no fault and make less."""
-    large = large_parts(found)
+    large = large_parts(diagnosis)
     return [
-        one
-        for one in found.budget
-        if one.index is not None
-        and one not in large
-        and not found.effects[one.index].stands
-        and is_sure(found, one)
-        and (one.times_usual or 0.0) >= _WIDELY
+        part
+        for part in diagnosis.budget
+        if part.index is not None
+        and part not in large
+        and not diagnosis.effects[part.index].stands
+        and is_sure(diagnosis, part)
+        and (part.times_usual or 0.0) >= _WIDELY
     ]
 
 
-def shown_parts(found: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
+def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
     """The parts of the error that have a line of their own, and the small ones that are counted together."""
-    small = [one for one in found.budget if abs(one.share) < SMALL_SHARE and one.rank != "unusual"]
-    return [one for one in found.budget if one not in small], small
+    small = [part for part in diagnosis.budget if abs(part.share) < SMALL_SHARE and part.rank != "unusual"]
+    return [part for part in diagnosis.budget if part not in small], small
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
@@ -71,44 +71,44 @@ def fields_of(effect: Effect) -> dict[str, Any]:
 class AnswerWords:
     """The sentences of a diagnosis in a language."""
 
-    found: Diagnosis
+    diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
 
     @property
     def headline(self) -> str:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
         is open, and then what these runs do not show."""
-        found = self.found
-        faults, large = self._faults(), self._large()
-        share = sum(part.share for one in found.standing if (part := part_of(found, one)))
-        first = any(one.share > share for one in large_parts(found))
+        diagnosis = self.diagnosis
+        faults, large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
+        share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
+        first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
-        said = "; ".join([*wrong, *self._open(), *self._sure_as_well()])
-        sentence = f"{said[:1].upper()}{said[1:]}." if said else ""
+        clauses = "; ".join([*wrong, *self._open(), *self._sure_as_well()])
+        sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
-        parts = (condition, sentence) if found.condition == "outside_library" else (sentence, condition)
+        parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         return " ".join(filter(None, parts))
 
     @property
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
-        own = self.found.accuracy
-        which = "error_corrected" if self.found.rig.calibrated else "error_now"
-        now = self.texts(which, now=micrometres(own.now_um), largest=micrometres(own.now_largest_um))
-        left = {"left": micrometres(own.calibrated_um), "before": micrometres(own.before_there_um)}
-        return f"{now} {self.texts(f'calibrated_{own.place}', **left)}"
+        accuracy = self.diagnosis.accuracy
+        which = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
+        now = self.texts(which, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
+        return f"{now} {self.texts(f'calibrated_{accuracy.place}', **values)}"
 
     @property
     def judged(self) -> str:
         """How the error now stands against its limits. Those of a rig file or a data sheet are of the arm as it drives:
         a calibration corrects targets, and no measured run was driven with them."""
-        own = self.found.accuracy
-        if own.standing is None or own.limit is None:
+        accuracy = self.diagnosis.accuracy
+        if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_not_judged")
-        by = self.texts(f"limit_{own.limit}")
-        corrected = self.found.rig.calibrated and own.limit != "tolerance"
+        by = self.texts(f"limit_{accuracy.limit}")
+        corrected = self.diagnosis.rig.calibrated and accuracy.limit != "tolerance"
         which = "accuracy_uncorrected" if corrected else "accuracy_judged"
-        return self.texts(which, standing=self.texts(f"standing_{own.standing}"), by=by)
+        return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
         """A part of the budget as a person says it, with what cancels some of it."""
@@ -118,14 +118,14 @@ class AnswerWords:
     def short_name(self, part: BudgetPart) -> str:
         """A part of the budget as a person says it, where there is no room for what cancels some of it."""
         if part.index is not None:
-            return self.noun(self.found.effects[part.index].effect)
+            return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
             return part.name
         return self.texts(f"part_{part.kind}", joint=self._joint(part.axis) if part.axis else "")
 
     def size_of(self, part: BudgetPart) -> str:
         """The size of a part that is an effect, ± its standard uncertainty; empty for others."""
-        return size(self.found.effects[part.index]) if part.index is not None else ""
+        return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
 
     def rank_of(self, part: BudgetPart) -> str:
         """The class of a part; empty where it has none."""
@@ -142,22 +142,22 @@ class AnswerWords:
         """An effect as a person says it within a sentence."""
         words = self.texts.nouns.get(effect.effect)
         if words is None:
-            return plain(self.found.rig, effect)
+            return plain(self.diagnosis.rig, effect)
         axis = getattr(effect, "axis", None)
         return words.format(**fields_of(effect) | {"joint": self._joint(axis) if axis else ""})
 
     def _joint(self, axis: int) -> str:
-        return self.texts.axis(self.found.rig.robot, axis)
+        return self.texts.axis(self.diagnosis.rig.robot, axis)
 
     def _condition(self) -> str:
         """What these runs do not show, or that nothing was found; empty where faults say it all."""
-        found, texts = self.found, self.texts
-        left = {"um": micrometres(found.remainder.um), "share": percent(found.remainder.share)}
-        if found.condition in ("named", "ambiguous"):
+        diagnosis, texts = self.diagnosis, self.texts
+        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
+        if diagnosis.condition in ("named", "ambiguous"):
             return ""
-        single = any(one.index is not None for one in large_parts(found))
-        which = "nothing_unusual" if found.condition == "uncalibrated" and single else found.condition
-        return " ".join(filter(None, [texts(f"says_{which}", **left), self._held()]))
+        single = any(part.index is not None for part in large_parts(diagnosis))
+        which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        return " ".join(filter(None, [texts(f"says_{which}", **values), self._held()]))
 
     def _faults(self) -> list[str]:
         """The faults that are sure, as a part of a sentence."""
@@ -177,62 +177,60 @@ class AnswerWords:
         return [self.texts("says_open", faults=self._listed([*map(self._alternatives, open_ones)]))]
 
     def _by_certainty(self) -> tuple[list[Named], list[Named]]:
-        sure = [one for one in self.found.standing if one.posterior >= CERTAIN_ODDS]
-        return sure, [one for one in self.found.standing if one not in sure]
+        sure = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
+        return sure, [named for named in self.diagnosis.standing if named not in sure]
 
     def _sure_as_well(self) -> list[str]:
-        said = [self._measured(one) for one in sure_parts(self.found)]
-        return [self.texts("says_sure", parts=self._listed(said))] if said else []
+        parts = [self._measured(part) for part in sure_parts(self.diagnosis)]
+        return [self.texts("says_sure", parts=self._listed(parts))] if parts else []
 
     def _held(self) -> str:
         """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
-        held = list(dict.fromkeys(map(self.noun, self.found.rig.effects)))
-        return self.texts("already_held", effects=self._listed(held)) if held else ""
-
-    def _large(self) -> list[str]:
-        """What makes more than a third of the error and is no fault, as parts of a sentence."""
-        return [self._large_part(one) for one in large_parts(self.found)]
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
-        if part.index is not None and likely_rivals(one := self.found.effects[part.index]):
-            effects = (one.effect, *(rival.effect for rival in likely_rivals(one)))
+        if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
+            effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
             return self.texts("large_part", share=share, part=self.texts("or").join(map(self.noun, effects)))
         if not part.members:
             return self.texts("large_part", share=share, part=self._measured(part))
-        members = ", ".join(f"{self.noun(one.effect)} ({sure(one.odds)})" for one in part.members)
+        members = ", ".join(f"{self.noun(member.effect)} ({sure(member.odds)})" for member in part.members)
         return self.texts("large_group", share=share, part=self.short_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
-        said = []
+        details = []
         if part.index is not None:
-            odds = self.found.effects[part.index].posterior
-            said = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
-        beside = ", ".join(filter(None, said))
-        return f"{self.short_name(part)} ({beside})" if beside else self.short_name(part)
+            odds = self.diagnosis.effects[part.index].posterior
+            details = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
+        in_brackets = ", ".join(filter(None, details))
+        return f"{self.short_name(part)} ({in_brackets})" if in_brackets else self.short_name(part)
 
-    def _listed(self, said: Sequence[str]) -> str:
-        more = [self.texts("and_more", count=len(said) - _MOST_NAMED)] if len(said) > _MOST_NAMED else []
-        return "; ".join([*said[:_MOST_NAMED], *more])
+    def _listed(self, phrases: Sequence[str]) -> str:
+        ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
+        return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
-    def _fault(self, one: Named) -> str:
-        return ", ".join([self.noun(one.effect), size(one), *self._share(one)])
+    def _fault(self, named: Named) -> str:
+        return ", ".join([self.noun(named.effect), size(named), *self._share(named)])
 
-    def _alternatives(self, one: Named) -> str:
+    def _alternatives(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""
-        effects = (one.effect, *(rival.effect for rival in likely_rivals(one)))
-        return ", ".join([self.texts("or").join(map(self.noun, effects)), *self._share(one)])
+        effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
+        return ", ".join([self.texts("or").join(map(self.noun, effects)), *self._share(named)])
 
-    def _share(self, one: Named) -> list[str]:
-        part = part_of(self.found, one)
+    def _share(self, named: Named) -> list[str]:
+        part = part_of(self.diagnosis, named)
         if part is None:
             return []
         return [self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))]
 
 
-def part_of(found: Diagnosis, one: Named) -> BudgetPart | None:
+def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
     """The part of the budget that an effect makes."""
-    return next((part for part in found.budget if part.index is not None and found.effects[part.index] is one), None)
+    return next(
+        (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
+    )
 
 
 def doubt_words(doubt: Doubt, texts: Texts) -> str:

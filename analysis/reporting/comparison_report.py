@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -15,7 +14,6 @@ from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.inference.disagreement import Disagreement
-from analysis.model.predict import SetUp
 from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.places_table import places_table
@@ -28,90 +26,95 @@ if TYPE_CHECKING:
     from analysis.files.write import Writer
 
 
-def as_tables(found: Compared) -> RenderableType:
+def as_tables(compared: Compared) -> RenderableType:
     """A table for each run: each figure measured, simulated, and the difference; then doubts and the set-ups."""
-    doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
+    doubts = [Text(doubt, style="yellow") for doubt in compared.doubts]
     poses = [
-        Text(f"{one.run}: {one.poses} poses, unexplained {one.rms_um:.1f} µm rms, at most {one.largest_um:.1f} µm")
-        for one in found.poses
+        Text(
+            f"{run_poses.run}: {run_poses.poses} poses, unexplained {run_poses.rms_um:.1f} µm rms, "
+            f"at most {run_poses.largest_um:.1f} µm"
+        )
+        for run_poses in compared.poses
     ]
-    tables = (_table(one) for one in found.runs)
-    return Group(*tables, *poses, *_disagreement(found.disagreement), *doubts, *_setups(found.setups))
+    tables = (_table(comparison) for comparison in compared.runs)
+    lines = []
+    for name, setup in compared.setups.items():
+        ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
+        lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
+    return Group(*tables, *poses, *_disagreement(compared.disagreement), *doubts, *lines)
 
 
-def _disagreement(found: Disagreement | None) -> list[RenderableType]:
+def _disagreement(disagreement: Disagreement | None) -> list[RenderableType]:
     """Where the model of all runs disagrees with them, and what is left as its effects are added."""
-    if found is None:
+    if disagreement is None:
         return []
     shown: list[RenderableType] = [
         Text("\nWhere model and readings disagree", style="bold"),
-        *places_table(found.where),
+        *places_table(disagreement.where),
     ]
-    stairs = stairs_of_model(found)
+    stairs = stairs_of_model(disagreement)
     if stairs:
         shown += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
     return [*shown, Text()]
 
 
-def _table(one: Comparison) -> Table:
-    table = Table(title=f"{one.result.title} · {one.result.name}", header_style="bold", title_style="bold")
+def _table(comparison: Comparison) -> Table:
+    table = Table(
+        title=f"{comparison.result.title} · {comparison.result.name}", header_style="bold", title_style="bold"
+    )
     for heading in ("", "measured", "simulated", "difference"):
         table.add_column(heading, justify="right" if heading else "left")
-    for name in in_order(one.result.found.figures.keys() & one.simulated.figures.keys()):
-        figure = one.result.found.figures[name]
-        simulated = one.simulated.figures[name].value
+    for name in in_order(comparison.result.found.figures.keys() & comparison.simulated.figures.keys()):
+        figure = comparison.result.found.figures[name]
+        simulated = comparison.simulated.figures[name].value
         cells = (str(figure), figure.rounded(simulated), figure.rounded(figure.value - simulated))
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
-    table.add_row("correlation of the curves", "", f"{one.correlation:.4f}", "")
-    table.add_row("unexplained, rms of the readings", "", f"{one.rms_um:.2f} µm", "")
+    table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
+    table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
     return whole(table)
 
 
-def _setups(setups: Mapping[str, SetUp]) -> list[Text]:
-    lines = []
-    for name, setup in setups.items():
-        ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
-        lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
-    return lines
-
-
-def save_pictures(found: Compared, directory: Path) -> list[Path]:
+def save_pictures(compared: Compared, directory: Path) -> list[Path]:
     """Measured over simulated and their difference, a picture for each run, and one of where all of them disagree and
     how the gap shrinks. Raises FileError."""
     from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    named = distinctly_named([one.result for one in found.runs])
-    pictures = zip(named, found.runs, strict=True)
-    files: dict[str, Writer] = {f"{name}-compared.png": partial(_save, one) for (name, _), one in pictures}
-    if found.disagreement is not None:
-        files["where.png"] = partial(_save_where, found.disagreement)
+    named = distinctly_named([comparison.result for comparison in compared.runs])
+    pictures = zip(named, compared.runs, strict=True)
+    files: dict[str, Writer] = {
+        f"{name}-compared.png": partial(_save, comparison) for (name, _), comparison in pictures
+    }
+    if compared.disagreement is not None:
+        files["where.png"] = partial(_save_where, compared.disagreement)
     return write_views(directory, files)
 
 
-def _save_where(found: Disagreement, file: BinaryIO) -> None:
-    disagreement_picture(found).savefig(file, format="png", dpi=130)
+def _save_where(disagreement: Disagreement, file: BinaryIO) -> None:
+    disagreement_picture(disagreement).savefig(file, format="png", dpi=130)
 
 
-def _save(one: Comparison, file: BinaryIO) -> None:
-    _figure(one).savefig(file, format="png", dpi=150)
+def _save(comparison: Comparison, file: BinaryIO) -> None:
+    _figure(comparison).savefig(file, format="png", dpi=150)
 
 
-def _figure(one: Comparison) -> Figure:
+def _figure(comparison: Comparison) -> Figure:
     figure = Sheet(9, 5.4)
-    figure.suptitle(f"{one.result.title} · {one.result.name}: measured and simulated", fontsize=11)
+    figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    circle = one.unit == "deg"
-    x = one.x % 360 if circle else one.x
+    circle = comparison.unit == "deg"
+    x = comparison.x % 360 if circle else comparison.x
     order = np.argsort(x)
     style = {"lw": 1.2} if circle else {"lw": 0.8, "marker": "o", "ms": 4}
     sign = "°" if circle else "mm"
-    above.plot(x[order], one.measured_curve[order], color="#d95f02", label="measured", **style)
-    above.plot(x[order], one.simulated_curve[order], color="#1f5fa8", label="simulated", **style)
+    above.plot(x[order], comparison.measured_curve[order], color="#d95f02", label="measured", **style)
+    above.plot(x[order], comparison.simulated_curve[order], color="#1f5fa8", label="simulated", **style)
     above.set_ylabel(f"error / {sign}")
-    above.legend(fontsize=8, title=f"correlation {one.correlation:.3f}", title_fontsize=8)
-    below.plot(x[order], (one.measured_curve - one.simulated_curve)[order], color="#555555", **style)
+    above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
+    below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
     below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel("circle angle φ / °" if circle else "target" if one.result.test == "radial" else "target and side")
+    below.set_xlabel(
+        "circle angle φ / °" if circle else "target" if comparison.result.test == "radial" else "target and side"
+    )
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)

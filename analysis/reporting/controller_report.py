@@ -19,30 +19,30 @@ _THIRD = 1 / 3
 """Part of a squared error from which its cause is said in the first sentence."""
 
 
-def first_sentence(found: ControllerEntries) -> str:
+def first_sentence(entries: ControllerEntries) -> str:
     """What to enter where, what it gains, and what to check before motion."""
-    maker, targets = found.controller.maker, f"{found.by_targets_um:.0f} µm"
-    if not found.entries:
+    maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
+    if not entries.entries:
         return (
             f"Nothing is to be entered at this {maker} controller: none of its parameters takes up 1 µm of the "
-            f"tool's {found.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, with frame "
-            f"and tool taught with the robot.{base_note(found.base_u_um, found.by_targets_um)}"
+            f"tool's {entries.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, with frame "
+            f"and tool taught with the robot.{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
-    if found.carried_um <= 0:
+    if entries.carried_um <= 0:
         return (
             f"Leave the parameters of this {maker} controller as they are: with frame and tool taught with the "
-            f"robot the tool's error over the work is {found.before_um:.0f} µm rms as it is and "
-            f"{found.after_um:.0f} with the values below; corrected targets (--path) leave {targets}."
-            f"{base_note(found.base_u_um, found.by_targets_um)}"
+            f"robot the tool's error over the work is {entries.before_um:.0f} µm rms as it is and "
+            f"{entries.after_um:.0f} with the values below; corrected targets (--path) leave {targets}."
+            f"{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
-    count = "the value" if len(found.entries) == 1 else f"the {len(found.entries)} values"
-    reads = found.controller.changes_reading
+    count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
+    reads = entries.controller.changes_reading
     check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
     return (
-        f"Enter {count} below in {found.controller.place} of the {maker} controller: the tool's error over the work "
-        f"falls from {found.before_um:.0f} to {found.after_um:.0f} µm rms with frame and tool taught with the robot "
-        f"(corrected targets: {targets}); before any motion check that {check}."
-        f"{base_note(found.base_u_um, found.by_targets_um)}"
+        f"Enter {count} below in {entries.controller.place} of the {maker} controller: the tool's error over the work "
+        f"falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool taught with the "
+        f"robot (corrected targets: {targets}); before any motion check that {check}."
+        f"{base_note(entries.base_u_um, entries.by_targets_um)}"
     )
 
 
@@ -57,21 +57,21 @@ def base_note(base_u_um: float, after_um: float) -> str:
     )
 
 
-def as_table(found: ControllerEntries) -> RenderableType:
+def as_table(entries: ControllerEntries) -> RenderableType:
     """What to enter, in which order, what it is worth, and what stays."""
     parts: list[RenderableType] = []
-    if found.entries:
-        parts.append(_entries(found))
-        parts += [Text(f"{number}. {step}") for number, step in enumerate(found.steps, start=1)]
-        parts.append(Text(f"from {found.controller.source}", style="dim"))
-    parts.append(Text(found.controller.missing, style="dim"))
-    if _unscaled(found):
-        parts.append(Text(f"with --scale, six {found.controller.scale}: the same as {found.controller.unit}"))
-    parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in found.twins]
-    parts += [Text(f"not entered: {_stays(one)}") for one in found.not_entered if one.worth_um >= _REPORTED_UM]
-    parts.append(Text(carried(found), style="bold"))
-    before, after = found.elsewhere_um
-    if found.entries:
+    if entries.entries:
+        parts.append(_entries(entries))
+        parts += [Text(f"{number}. {step}") for number, step in enumerate(entries.steps, start=1)]
+        parts.append(Text(f"from {entries.controller.source}", style="dim"))
+    parts.append(Text(entries.controller.missing, style="dim"))
+    if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
+        parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
+    parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
+    parts += [Text(f"not entered: {_stays(kept)}") for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
+    parts.append(Text(carried(entries), style="bold"))
+    before, after = entries.elsewhere_um
+    if entries.entries:
         elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
         elsewhere += f"{after:.0f} µm after"
         worse = ": worse, so enter them for this work only" if after > before else ""
@@ -79,29 +79,28 @@ def as_table(found: ControllerEntries) -> RenderableType:
     return Group(*parts)
 
 
-def carried(found: ControllerEntries) -> str:
+def carried(entries: ControllerEntries) -> str:
     """What the entries carry of the tool's error, and what corrected targets do."""
     return (
-        f"entries carry {found.carried_um:.0f} of {found.before_um:.0f} µm over the work (rms, in a frame taught with "
-        f"the robot); corrected targets "
-        f"carry {found.carried_by_targets_um:.0f}"
+        f"entries carry {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work (rms, in a frame taught "
+        f"with the robot); corrected targets carry {entries.carried_by_targets_um:.0f}"
     )
 
 
-def _entries(found: ControllerEntries) -> Table:
+def _entries(entries: ControllerEntries) -> Table:
     title = (
-        f"to be entered once at the controller ({found.controller.maker}); "
+        f"to be entered once at the controller ({entries.controller.maker}); "
         "worth and leaves: rms of the tool over the tests"
     )
     table = Table(title=title, title_style="bold", title_justify="left", header_style="bold")
-    lengths = any(one.now is not None for one in found.entries)
+    lengths = any(entry.now is not None for entry in entries.entries)
     for heading in ("add to", *["now"] * lengths, "value", "± u", "unit", "reading", "worth", "leaves"):
         table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")
-    for one in found.entries:
-        reading = f"{one.reading_deg:+.4f}°" if one.reading_deg else "same"
-        numbers = (_number(one.add, one.u), f"{one.u:.2g}", one.unit, reading)
-        now = ["" if one.now is None else f"±{one.now:g}"] * lengths
-        table.add_row(one.parameter, *now, *numbers, f"{one.worth_um:.0f} µm", f"{one.leaves_um:.0f} µm")
+    for entry in entries.entries:
+        reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
+        numbers = (_number(entry.add, entry.u), f"{entry.u:.2g}", entry.unit, reading)
+        now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
+        table.add_row(entry.parameter, *now, *numbers, f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
     return whole(table)
 
 
@@ -111,44 +110,42 @@ def _number(value: float, u: float) -> str:
     return f"{value:+.{max(0, digits)}f}"
 
 
-def _unscaled(found: ControllerEntries) -> bool:
-    return bool(found.controller.scale) and any(one.unit == "deg" for one in found.entries)
+def _stays(kept: NotEntered) -> str:
+    return f"{label_of(kept.effect)}, {kept.worth_um:.0f} µm rms: no constant and no target holds it"
 
 
-def _stays(one: NotEntered) -> str:
-    return f"{label_of(one.effect)}, {one.worth_um:.0f} µm rms: no constant and no target holds it"
-
-
-def as_object(found: ControllerEntries) -> dict[str, Any]:
+def as_object(entries: ControllerEntries) -> dict[str, Any]:
     """The same for scripts and for corrections.yaml."""
     return {
-        "name": found.name,
+        "name": entries.name,
         "entries": [
             {
-                "parameter": one.parameter,
-                "axis": one.axis,
-                "add": _short(one.add),
-                "u": _short(one.u),
-                "unit": one.unit,
-                "now": one.now and _short(one.now),
-                "reading_deg": _short(one.reading_deg),
-                "worth_um": _um(one.worth_um),
-                "leaves_um": _um(one.leaves_um),
+                "parameter": entry.parameter,
+                "axis": entry.axis,
+                "add": _short(entry.add),
+                "u": _short(entry.u),
+                "unit": entry.unit,
+                "now": entry.now and _short(entry.now),
+                "reading_deg": _short(entry.reading_deg),
+                "worth_um": _um(entry.worth_um),
+                "leaves_um": _um(entry.leaves_um),
             }
-            for one in found.entries
+            for entry in entries.entries
         ],
-        "not_entered": [{"name": label_of(one.effect), "worth_um": _um(one.worth_um)} for one in found.not_entered],
-        "before_um": _um(found.before_um),
-        "after_um": _um(found.after_um),
-        "corrected_targets_um": _um(found.by_targets_um),
-        "carried_um": _um(found.carried_um),
-        "carried_by_corrected_targets_um": _um(found.carried_by_targets_um),
-        "elsewhere_um": [_um(one) for one in found.elsewhere_um],
-        "base_u_um": _um(found.base_u_um),
-        "known_only_together": [list(group) for group in found.twins],
-        "steps": list(found.steps),
-        "source": found.controller.source,
-        "not_found_in_public": found.controller.missing,
+        "not_entered": [
+            {"name": label_of(kept.effect), "worth_um": _um(kept.worth_um)} for kept in entries.not_entered
+        ],
+        "before_um": _um(entries.before_um),
+        "after_um": _um(entries.after_um),
+        "corrected_targets_um": _um(entries.by_targets_um),
+        "carried_um": _um(entries.carried_um),
+        "carried_by_corrected_targets_um": _um(entries.carried_by_targets_um),
+        "elsewhere_um": [_um(um) for um in entries.elsewhere_um],
+        "base_u_um": _um(entries.base_u_um),
+        "known_only_together": [list(group) for group in entries.twins],
+        "steps": list(entries.steps),
+        "source": entries.controller.source,
+        "not_found_in_public": entries.controller.missing,
     }
 
 

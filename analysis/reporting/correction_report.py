@@ -14,7 +14,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.constants import CONSTANTS, Correction, corrected_table
+from analysis.correction.constants import CONSTANTS, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
@@ -47,7 +47,7 @@ _HEAD = """\
 """
 
 
-def as_table(found: Corrections) -> RenderableType:
+def as_table(corrections: Corrections) -> RenderableType:
     """One sentence that says what to do; each effect with its use, then what to change, then what it does to the
     path."""
     effects = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
@@ -55,33 +55,45 @@ def as_table(found: Corrections) -> RenderableType:
     effects.add_column("value", justify="right")
     effects.add_column("corrected as")
     effects.add_column("why", ratio=1)
-    for one in found.effects:
-        style = "green" if one.use != "none" else "yellow"
-        effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
-    for play in (one for one in known_plays(found.rig) if one not in found.rig.effects):
+    for support in corrections.effects:
+        style = "green" if support.use != "none" else "yellow"
+        effects.add_row(
+            label_of(support.effect),
+            _value(support),
+            Text(("not corrected" if support.use == "none" else support.use), style=style),
+            support.reason,
+        )
+    for play in (
+        known_play for known_play in known_plays(corrections.rig) if known_play not in corrections.rig.effects
+    ):
         field = size_field(play)
         value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(found), style="bold"), Text(), whole(effects)]
-    if why := why_nothing(found.rig):
+    parts: list[RenderableType] = [Text(_first(corrections), style="bold"), Text(), whole(effects)]
+    if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
-    parts += [Text(line) for line in _lines(found)]
-    if found.at_controller:
-        parts += [Text(), controller_report.as_table(found.at_controller)]
-    parts += [Text(line) for program in found.programs for line in ("", *program_report.lines(program))]
+    parts += [Text(line) for line in _lines(corrections)]
+    if corrections.at_controller:
+        parts += [Text(), controller_report.as_table(corrections.at_controller)]
+    parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
 
-def _first(found: Corrections) -> str:
-    if all(one.use == "none" for one in found.effects) and found.work.model_um < _GAIN_UM:
+def _first(corrections: Corrections) -> str:
+    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < _GAIN_UM:
         return (
-            f"Nothing of the tool's {found.work.before_um:.0f} µm over the work can be corrected; the table says why."
+            f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
+            "the table says why."
         )
-    if found.at_controller:
-        return controller_report.first_sentence(found.at_controller) + _either(found)
-    work = found.work
-    what = f"the targets of corrected-{found.path[0].name}" if found.path else "corrected targets (--path TARGETS.csv)"
-    send = f"Send the controller to {what}: the tool's error over the work falls from"
+    if corrections.at_controller:
+        return controller_report.first_sentence(corrections.at_controller) + _either(corrections)
+    work = corrections.work
+    targets = (
+        f"the targets of corrected-{corrections.path[0].name}"
+        if corrections.path
+        else "corrected targets (--path TARGETS.csv)"
+    )
+    send = f"Send the controller to {targets}: the tool's error over the work falls from"
     if work.before_um - work.after_um >= _GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
@@ -104,44 +116,43 @@ def _mm(um: float) -> str:
     return f"{um / 1e3:.3f}"
 
 
-def _either(found: Corrections) -> str:
+def _either(corrections: Corrections) -> str:
     """Which controller the corrected path is for, since entries and targets together would correct twice."""
-    if not found.path or not found.at_controller or not found.at_controller.entries:
+    if not corrections.path or not corrections.at_controller or not corrections.at_controller.entries:
         return ""
     state = (
-        "that has these values already: it holds the rest" if found.entered else "without these values: use one of both"
+        "that has these values already: it holds the rest"
+        if corrections.entered
+        else "without these values: use one of both"
     )
-    return f" corrected-{found.path[0].name} is for a controller {state}."
+    return f" corrected-{corrections.path[0].name} is for a controller {state}."
 
 
-def _use(one: Support) -> str:
-    return "not corrected" if one.use == "none" else one.use
+def _value(support: Support) -> str:
+    field = size_field(support.effect)
+    value = quantity_of(support.effect, field, {field: support.u})
+    return str(value) if support.u > 0 else f"{support.value:g} {value.sign}".rstrip()
 
 
-def _value(one: Support) -> str:
-    field = size_field(one.effect)
-    value = quantity_of(one.effect, field, {field: one.u})
-    return str(value) if one.u > 0 else f"{one.value:g} {value.sign}".rstrip()
-
-
-def _lines(found: Corrections) -> list[str]:
-    if found.at_controller:  # its entries hold the whole model, and these would be entered a second time
-        return _path_lines(found)
+def _lines(corrections: Corrections) -> list[str]:
+    if corrections.at_controller:  # its entries hold the whole model, and these would be entered a second time
+        return _path_lines(corrections)
     lines = [
-        f"master axis {one.axis} so that it reads {one.delta:+.4f}° (± {one.u:.4f}°) more where it stands"
-        for one in found.zeros
+        f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
+        for zero in corrections.zeros
     ]
     lines += [
-        f"axis {one.axis}, {one.key}: {one.corrected:.6g} instead of {one.nominal:.6g} (± {one.u:.2g})"
-        for one in found.constants
+        f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
+        f"(± {constant.u:.2g})"
+        for constant in corrections.constants
     ]
-    return lines + _path_lines(found)
+    return lines + _path_lines(corrections)
 
 
-def _path_lines(found: Corrections) -> list[str]:
+def _path_lines(corrections: Corrections) -> list[str]:
     lines = []
-    if found.path:
-        path, _, targets = found.path
+    if corrections.path:
+        path, _, targets = corrections.path
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
             f"before; reached to ± {np.nanmax(targets.u_frame_mm):.3f} mm after with frame and tool taught with the "
@@ -167,7 +178,7 @@ def _left_out(targets: Corrected) -> Array:
 def _budget(targets: Corrected) -> dict[str, float]:
     """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
     worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
-    return dict(sorted(worst.items(), key=lambda one: -one[1]))
+    return dict(sorted(worst.items(), key=lambda item: -item[1]))
 
 
 def _count(targets: int) -> str:
@@ -178,11 +189,11 @@ def _small(mm: float) -> str:
     return "less than 0.001 mm" if mm < _REPORTED_MM else f"{mm:.3f} mm"
 
 
-def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
+def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
     """The same for scripts; lengths in mm, angles in degrees."""
     path = None
-    if found.path:
-        targets = found.path[2]
+    if corrections.path:
+        targets = corrections.path[2]
         largest = {"missed": targets.missed_mm, "left_out": _left_out(targets), "u": targets.u_mm}
         largest["u_frame"] = targets.u_frame_mm
         path = {
@@ -194,61 +205,64 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
             "covered": None if targets.covered is None else targets.covered.tolist(),
             "doubts": list(targets.doubts),
         }
-    return {**_contents(found), "path": path, "files": [str(file) for file in written]}
+    return {**_contents(corrections), "path": path, "files": [str(file) for file in written]}
 
 
-def _contents(found: Corrections) -> dict[str, Any]:
+def _contents(corrections: Corrections) -> dict[str, Any]:
     return {
-        "rig": found.rig.name,
-        "verdict": "nothing" if (why := why_nothing(found.rig)) else "correct",
+        "rig": corrections.rig.name,
+        "verdict": "nothing" if (why := why_nothing(corrections.rig)) else "correct",
         "verdict_why": why or None,
         "joint_zeros": [
-            {"axis": one.axis, "add_deg": _short(one.delta), "u_deg": _short(one.u)} for one in found.zeros
+            {"axis": zero.axis, "add_deg": _short(zero.delta), "u_deg": _short(zero.u)} for zero in corrections.zeros
         ],
-        "link_constants": [_constant(one) for one in found.constants],
+        "link_constants": [
+            (
+                {
+                    "axis": constant.axis,
+                    "key": constant.key,
+                    "nominal": constant.nominal,
+                    "corrected": _short(constant.corrected),
+                    "u": _short(constant.u),
+                }
+            )
+            for constant in corrections.constants
+        ],
         "effects": [
             {
-                "name": label_of(one.effect),
-                "value": one.value,
-                "u": one.u if one.u > 0 else None,
-                "unit": one.effect.unit(size_field(one.effect)),
-                "corrected_as": None if one.use == "none" else one.use,
-                "reason": one.reason,
+                "name": label_of(support.effect),
+                "value": support.value,
+                "u": support.u if support.u > 0 else None,
+                "unit": support.effect.unit(size_field(support.effect)),
+                "corrected_as": None if support.use == "none" else support.use,
+                "reason": support.reason,
             }
-            for one in found.effects
+            for support in corrections.effects
         ],
         "work": {
-            **{name: _um(getattr(found.work, name)) for name in _ERRORS},
-            "base_u_um": _um(found.work.base_u_um),
-            "in_base": {name: _um(getattr(found.work.base, name)) for name in _ERRORS},
+            **{name: _um(getattr(corrections.work, name)) for name in _ERRORS},
+            "base_u_um": _um(corrections.work.base_u_um),
+            "in_base": {name: _um(getattr(corrections.work.base, name)) for name in _ERRORS},
         },
-        "not_corrected": _not_corrected(found),
-        "programs": [program_report.as_object(program) for program in found.programs],
-        "controller": found.at_controller and controller_report.as_object(found.at_controller),
+        "not_corrected": _not_corrected(corrections),
+        "programs": [program_report.as_object(program) for program in corrections.programs],
+        "controller": corrections.at_controller and controller_report.as_object(corrections.at_controller),
     }
 
 
-def _not_corrected(found: Corrections) -> list[dict[str, Any]]:
+def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
     """The targets of the path that stay as they were, by their line in the file."""
-    if not found.path:
+    if not corrections.path:
         return []
-    _, given, targets = found.path
-    return [{"line": given.lines[one.place], "reason": one.reason, "why": one.what} for one in targets.left]
+    _, source, targets = corrections.path
+    return [
+        {"line": source.lines[target.place], "reason": target.reason, "why": target.what} for target in targets.left
+    ]
 
 
 def _each_um(values_mm: Array) -> list[float | None]:
     """Values (n,) mm in µm, None where there is none."""
     return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
-
-
-def _constant(one: Correction) -> dict[str, Any]:
-    return {
-        "axis": one.axis,
-        "key": one.key,
-        "nominal": one.nominal,
-        "corrected": _short(one.corrected),
-        "u": _short(one.u),
-    }
 
 
 def _um(value: float) -> float:
@@ -259,28 +273,28 @@ def _short(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def write(found: Corrections, directory: Path) -> list[Path]:
+def write(corrections: Corrections, directory: Path) -> list[Path]:
     """Write corrections.yaml, dh.csv where a constant changes, the path, and programs under their own names. Raises
     FileError where one is there."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
-    head = _HEAD.format(name=found.rig.name, date=dt.datetime.now(dt.UTC).date())
-    if why := why_nothing(found.rig):
+    head = _HEAD.format(name=corrections.rig.name, date=dt.datetime.now(dt.UTC).date())
+    if why := why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
-    text = head + yaml.safe_dump(_contents(found), sort_keys=False, allow_unicode=True, width=10_000)
+    text = head + yaml.safe_dump(_contents(corrections), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
-    if found.constants:
-        rows = corrected_table(found.rig, found.constants)
+    if corrections.constants:
+        rows = corrected_table(corrections.rig, corrections.constants)
         table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
         files["dh.csv"] = partial(write_csv, table)
-    if found.path:
-        given_path, given, targets = found.path
+    if corrections.path:
+        given_path, path, targets = corrections.path
         files[f"corrected-{given_path.name}"] = partial(
-            write_csv, corrected_columns(given, targets, ANYWAY if why else "")
+            write_csv, corrected_columns(path, targets, ANYWAY if why else "")
         )
-    for program in found.programs:
+    for program in corrections.programs:
         for name, data in ({} if program.held else program.files).items():
             if name in files:
                 raise FileError(

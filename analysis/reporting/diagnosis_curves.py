@@ -52,13 +52,19 @@ class Strand:
         return f"{runs_of(self.curve)}, {self.part}"
 
 
-def strands_of(found: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
+def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
     """A strand for each circle, of the part that disagrees more; how many circles are left out: those of least size."""
-    steps = found.staircase.curves if found.staircase else [np.array([one.before_um]) for one in found.curves]
-    strands = [_strand(curve, own, found.where) for curve, own in zip(found.curves, steps, strict=True)]
-    loudest = sorted(strands, key=lambda one: -_size(one.before_um, one.part))[:_MOST_ROWS]
-    chosen = {id(one) for one in loudest}
-    return [one for one in strands if id(one) in chosen], len(strands) - len(chosen)
+    steps = (
+        residuals.staircase.curves
+        if residuals.staircase
+        else [np.array([curve.before_um]) for curve in residuals.curves]
+    )
+    strands = [
+        _strand(curve, curve_steps, residuals.where) for curve, curve_steps in zip(residuals.curves, steps, strict=True)
+    ]
+    loudest = sorted(strands, key=lambda strand: -_size(strand.before_um, strand.part))[:_MOST_ROWS]
+    chosen = {id(strand) for strand in loudest}
+    return [strand for strand in strands if id(strand) in chosen], len(strands) - len(chosen)
 
 
 def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
@@ -66,11 +72,11 @@ def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
     µm."""
     order = np.argsort(curve.phi_deg % 360)
     phi, steps = (curve.phi_deg % 360)[order], steps_um[:, order]
-    here = [place for place in where if (place.test, place.direction) == (curve.test, curve.direction)]
-    worst = max(here, key=lambda place: place.sigma, default=None)
+    places = [place for place in where if (place.test, place.direction) == (curve.test, curve.direction)]
+    worst = max(places, key=lambda place: place.sigma, default=None)
     part = worst.part if worst else max(_PARTS, key=lambda name: _size(steps[0] @ _PARTS[name], name))
-    own = tuple(place for place in here if place.part == part)
-    return Strand(curve, part, phi, steps @ _PARTS[part], own)
+    of_part = tuple(place for place in places if place.part == part)
+    return Strand(curve, part, phi, steps @ _PARTS[part], of_part)
 
 
 def _size(values: Array, part: str) -> float:
@@ -158,22 +164,22 @@ def _draw_marks(axes: Axes, strand: Strand, *, numbered: bool) -> None:
 
 def _staggered(turns: Sequence[tuple[float, int]]) -> list[tuple[float, int, int]]:
     """Reversals (circle angle, joint) by angle, with a step 0, 1 or 2 by which near numbers part."""
-    found: list[tuple[float, int, int]] = []
+    staggered: list[tuple[float, int, int]] = []
     for phi, joint in sorted(turns):
-        near = bool(found) and phi - found[-1][0] < _NEAR_DEG
-        found.append((phi, joint, (found[-1][2] + 1) % 3 if near else 0))
-    return found
+        near = bool(staggered) and phi - staggered[-1][0] < _NEAR_DEG
+        staggered.append((phi, joint, (staggered[-1][2] + 1) % 3 if near else 0))
+    return staggered
 
 
 def _stretches(places: Sequence[Place]) -> list[tuple[float, float]]:
     """Where to shade; a stretch over φ = 0° is two, and of a whole lap nothing is shaded."""
-    found = []
+    stretches = []
     for place in places:
         if whole_lap(place):
             continue
         low, high = place.from_deg, place.to_deg
-        found += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]
-    return found
+        stretches += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]
+    return stretches
 
 
 def _draw_polar(axes: PolarAxes, strand: Strand, *, effects: bool) -> None:

@@ -19,35 +19,37 @@ _APART_DEG = 4.0
 """Between the readings at one target and its middle, so that none hides another."""
 
 
-def drawn_maps(found: Diagnosis | Disagreement) -> list[Map]:
+def drawn_maps(residuals: Diagnosis | Disagreement) -> list[Map]:
     """The maps of targets with what the last model of the staircase leaves."""
-    if found.staircase is None:
-        return list(found.maps)
-    after = [steps_um[-1] for steps_um in found.staircase.maps]
-    return [replace(one, after_um=own) for one, own in zip(found.maps, after, strict=True)]
+    if residuals.staircase is None:
+        return list(residuals.maps)
+    after = [steps_um[-1] for steps_um in residuals.staircase.maps]
+    return [replace(drawn, after_um=after_um) for drawn, after_um in zip(residuals.maps, after, strict=True)]
 
 
-def draw_map(figure: SubFigure, one: Map, *, effects: bool) -> None:
+def draw_map(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
     """Residuals before and, where there are effects, after, in one scale of colours."""
-    if not np.isfinite(one.polar_deg).all():
-        _draw_rows(figure, one, effects=effects)
+    if not np.isfinite(target_map.polar_deg).all():
+        _draw_rows(figure, target_map, effects=effects)
         return
     sheet = figure if effects else figure.subfigures(1, 3, width_ratios=(1, 2.2, 1), squeeze=False)[0, 1]
     panels = sheet.subplots(1, 2 if effects else 1, squeeze=False)[0]
-    largest = max(float(np.abs(one.before_um).max()), 1e-6)
-    for axes, values, when in zip(panels, (one.before_um, one.after_um), ("before", "after"), strict=False):
-        dots = _draw_dots(axes, one, values, largest)
+    largest = max(float(np.abs(target_map.before_um).max()), 1e-6)
+    for axes, values, when in zip(
+        panels, (target_map.before_um, target_map.after_um), ("before", "after"), strict=False
+    ):
+        dots = _draw_dots(axes, target_map, values, largest)
         rms = float(np.sqrt(np.mean(values**2)))
-        axes.set_title(f"{one.test}, residual {when}: rms {rms:.1f} µm", fontsize=9)
+        axes.set_title(f"{target_map.test}, residual {when}: rms {rms:.1f} µm", fontsize=9)
     sheet.colorbar(dots, ax=list(panels), label="residual / µm", shrink=0.8)
     sheet.supxlabel(
         "seen along the axis: a ring each 30° of polar angle, azimuth 0° to the right", fontsize=7.5, color=GREY
     )
 
 
-def _draw_dots(axes: Axes, one: Map, values: Array, largest: float) -> PathCollection:
-    polar, azimuth = one.polar_deg, np.radians(one.azimuth_deg)
-    aside = _aside(one.target)
+def _draw_dots(axes: Axes, target_map: Map, values: Array, largest: float) -> PathCollection:
+    polar, azimuth = target_map.polar_deg, np.radians(target_map.azimuth_deg)
+    aside = _aside(target_map.target)
     x, y = polar * np.cos(azimuth) + aside[:, 0], polar * np.sin(azimuth) + aside[:, 1]
     turn = np.linspace(0, 2 * np.pi, 181)
     for ring in range(30, int(max(polar.max(), 30)) + 1, 30):
@@ -70,14 +72,14 @@ def _aside(target: Array) -> Array:
     return aside
 
 
-def _draw_rows(figure: SubFigure, one: Map, *, effects: bool) -> None:
+def _draw_rows(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
     axes = figure.subplots()
-    for values, ink, when in ((one.before_um, MEASURED, "before"), (one.after_um, LEFT, "after")):
+    for values, ink, when in ((target_map.before_um, MEASURED, "before"), (target_map.after_um, LEFT, "after")):
         if when == "before" or effects:
             rms = float(np.sqrt(np.mean(values**2)))
-            axes.plot(one.target, values, ".", ms=3, color=ink, label=f"{when}: rms {rms:.0f} µm")
-    what = "of the ball from its socket" if one.test == "touch" else "left, pose by pose"
-    axes.set_title(f"{one.test}: distance {what}", fontsize=9, loc="left", fontweight="bold")
+            axes.plot(target_map.target, values, ".", ms=3, color=ink, label=f"{when}: rms {rms:.0f} µm")
+    distance = "of the ball from its socket" if target_map.test == "touch" else "left, pose by pose"
+    axes.set_title(f"{target_map.test}: distance {distance}", fontsize=9, loc="left", fontweight="bold")
     axes.set_xlabel("row of the table", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("distance / µm", fontsize=8)

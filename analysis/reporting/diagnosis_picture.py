@@ -32,34 +32,34 @@ _Part = tuple[float, Callable[[SubFigure], None]]
 """A part of a sheet: its height in inches, and what draws it."""
 
 
-def picture(found: Diagnosis) -> Figure:
+def picture(diagnosis: Diagnosis) -> Figure:
     """Everything on one sheet, as high as it needs."""
-    parts, quiet = _parts(found, stairs_of(found), found.train.noise_floor_um)
-    words = _words(found, quiet)
+    parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
+    words = _words(diagnosis, quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    title = textwrap.wrap(AnswerWords(found).headline, _COLUMNS)
-    return _sheet([*title, found.rig.name], parts)
+    title = textwrap.wrap(AnswerWords(diagnosis).headline, _COLUMNS)
+    return _sheet([*title, diagnosis.rig.name], parts)
 
 
-def disagreement_picture(found: Disagreement) -> Figure:
+def disagreement_picture(disagreement: Disagreement) -> Figure:
     """Where the model of a rig file and readings disagree, and how the gap shrinks with its effects."""
-    parts, quiet = _parts(found, stairs_of_model(found), found.floor_um)
-    words = [*_not_shown(quiet), *([_KEY] if found.curves else [])]
+    parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
+    words = [*_not_shown(quiet), *([_KEY] if disagreement.curves else [])]
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    return _sheet([f"Where model and readings disagree · {found.rig.name}"], parts)
+    return _sheet([f"Where model and readings disagree · {disagreement.rig.name}"], parts)
 
 
-def _parts(found: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[_Part], int]:
+def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[_Part], int]:
     """The circles, the maps and the stairs; and how many circles and maps are left out."""
     effects = stairs is not None
-    strands, quiet = strands_of(found)
+    strands, quiet = strands_of(residuals)
     parts: list[_Part] = []
     if strands:
         height = (2.5 if effects else 2.0) * len(strands)
         parts.append((height, lambda sheet: draw_circles(sheet, strands, effects=effects)))
-    maps = drawn_maps(found)
-    for one in maps[:_MOST_MAPS]:
-        parts.append((3.6, lambda sheet, one=one: draw_map(sheet, one, effects=effects)))  # type: ignore[misc]
+    maps = drawn_maps(residuals)
+    for target_map in maps[:_MOST_MAPS]:
+        parts.append((3.6, lambda sheet, target_map=target_map: draw_map(sheet, target_map, effects=effects)))  # type: ignore[misc]
     if stairs:
         parts.append((0.9 + 0.24 * len(stairs.steps), lambda sheet: draw_stairs(sheet, stairs, floor_um)))
     return parts, quiet + max(0, len(maps) - _MOST_MAPS)
@@ -79,15 +79,15 @@ def _not_shown(quiet: int) -> list[str]:
     return [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
 
 
-def _words(found: Diagnosis, quiet: int) -> list[str]:
-    answer, acts = AnswerWords(found), ActWords(found)
+def _words(diagnosis: Diagnosis, quiet: int) -> list[str]:
+    answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
     lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
-    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
-    more = len(found.groups) - _MOST_GROUPS
-    lines += [f"and {more} more groups"] * (more > 0)
+    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
+    others = len(diagnosis.groups) - _MOST_GROUPS
+    lines += [f"and {others} more groups"] * (others > 0)
     lines += _not_shown(quiet)
-    lines += [_KEY] * bool(found.curves)
-    return [line for one in lines for line in textwrap.wrap(one, _TEXT_COLUMNS)]
+    lines += [_KEY] * bool(diagnosis.curves)
+    return [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
 
 
 def _draw_words(sheet: SubFigure, lines: list[str]) -> None:

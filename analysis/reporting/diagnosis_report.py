@@ -24,7 +24,7 @@ def hold_empty(directory: Path) -> None:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
 
 
-def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
+def write(diagnosis: Diagnosis, text: str, directory: Path) -> list[Path]:
     """The files of a diagnosis in an empty directory; their paths, the rig file's last.
 
     text: of the rig file begun with. It is written with the faults added, of rivals the likeliest, and with the
@@ -34,29 +34,29 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
     files = {
-        "diagnosis.json": holding((json.dumps(found.to_dict(), indent=2) + "\n").encode()),
-        "diagnosis.png": lambda file: picture(found).savefig(file, format="png", dpi=130),
+        "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
+        "diagnosis.png": lambda file: picture(diagnosis).savefig(file, format="png", dpi=130),
     }
-    if found.condition != "not_testable_here":
-        rig_file = directory / f"{found.rig.name}.yaml"
-        files |= extended_files(text, _origins(found), rig_file, found.calibrated)
+    if diagnosis.condition != "not_testable_here":
+        rig_file = directory / f"{diagnosis.rig.name}.yaml"
+        files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)
 
 
-def write_model(found: Diagnosis, text: str, output: Path) -> list[Path]:
+def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
     """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
     beside it; their paths, the rig file's last. Raises FileError where one exists."""
-    return write_extended(text, _origins(found), output, found.calibrated)
+    return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
 
 
-def _origins(found: Diagnosis) -> list[Effect]:
+def _origins(diagnosis: Diagnosis) -> list[Effect]:
     """The faults, each with where it came from."""
     return [
         beside(
-            with_origin(one.effect, found.runs, one.sd, (one.gap_without_um, found.train.after_um)),
-            rivals=tuple(rival_names(one)),
-            together=tuple(name_of(twin) for twin in one.twins),
-            joints_deg=found.calibrated.joints_deg if found.calibrated else None,
+            with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),
+            rivals=tuple(rival_names(named)),
+            together=tuple(name_of(twin) for twin in named.twins),
+            joints_deg=diagnosis.calibrated.joints_deg if diagnosis.calibrated else None,
         )
-        for one in found.written
+        for named in diagnosis.written
     ]

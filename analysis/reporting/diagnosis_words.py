@@ -25,41 +25,41 @@ def plain(rig: Rig, effect: Effect) -> str:
 
 def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
     """A parameter ± `times` its standard uncertainty, to sensible digits; alone where no uncertainty is known."""
-    one = quantity_of(effect, field, sd)
-    if not 0 < one.u < math.inf:
-        return f"{one.value:.4g} {one.sign}".rstrip()
-    return str(Quantity(one.value, times * one.u, one.unit))
+    quantity = quantity_of(effect, field, sd)
+    if not 0 < quantity.u < math.inf:
+        return f"{quantity.value:.4g} {quantity.sign}".rstrip()
+    return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
 
 
-def size(one: Named | Rival, times: float = 1.0) -> str:
+def size(named: Named | Rival, times: float = 1.0) -> str:
     """The size of a named effect or of a rival, ± `times` its standard uncertainty."""
-    return with_uncertainty(one.effect, size_field(one.effect), one.sd, times)
+    return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
-def beside_size(one: Named) -> list[str]:
+def beside_size(named: Named) -> list[str]:
     """The parameters that say how it looks: those fitted, and those that each such effect has (the order of a gear)."""
-    fields = type(one.effect).model_fields
+    fields = type(named.effect).model_fields
     return [
         field
-        for field in parameters_of(one.effect)
-        if field != size_field(one.effect) and (field in one.sd or fields[field].is_required())
+        for field in parameters_of(named.effect)
+        if field != size_field(named.effect) and (field in named.sd or fields[field].is_required())
     ]
 
 
-def remedy(one: Named) -> str:
+def remedy(named: Named) -> str:
     """What to do about a name, and which others it may be instead."""
-    others = " or ".join(rival_names(one))
-    return f"only if it is not {others}: {one.remedy}" if others else one.remedy
+    others = " or ".join(rival_names(named))
+    return f"only if it is not {others}: {named.remedy}" if others else named.remedy
 
 
-def rival_names(one: Named) -> list[str]:
+def rival_names(named: Named) -> list[str]:
     """The names of the rivals of a name that cannot be dismissed."""
-    return [name_of(rival.effect) for rival in likely_rivals(one)]
+    return [name_of(rival.effect) for rival in likely_rivals(named)]
 
 
-def likely_rivals(one: Named) -> list[Rival]:
+def likely_rivals(named: Named) -> list[Rival]:
     """The rivals of a name that cannot be dismissed."""
-    return [rival for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
+    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
 
 
 def sure(posterior: float) -> str:
@@ -102,17 +102,17 @@ def within(um: float, u_um: float) -> str:
     return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
 
 
-def runs_of(one: Place | Curve | ResidualBand) -> str:
+def runs_of(place: Place | Curve | ResidualBand) -> str:
     """`yaw acw`, `radial`."""
-    return f"{one.test} {one.direction}" if one.direction else one.test
+    return f"{place.test} {place.direction}" if place.direction else place.test
 
 
 def stretch(place: Place) -> str:
     """Where on the circle, or at which targets: `231–243°`, `targets 3–7`."""
     low, high = place.from_deg, place.to_deg
     if place.test not in ("yaw", "roll"):
-        what = "row" if place.test == "pose" else "target"
-        return f"{what} {low:.0f}" if low == high else f"{what}s {low:.0f}–{high:.0f}"
+        row = "row" if place.test == "pose" else "target"
+        return f"{row} {low:.0f}" if low == high else f"{row}s {low:.0f}–{high:.0f}"
     return "whole lap" if whole_lap(place) else f"{low:.0f}–{high:.0f}°"
 
 
@@ -133,4 +133,4 @@ def shortened(names: Iterable[str]) -> str:
     for name in names:
         kind, _, seat = name.partition(" ")
         seats.setdefault(kind, []).append(seat)
-    return ", ".join(" ".join([kind, *sorted(filter(None, own))]) for kind, own in seats.items())
+    return ", ".join(" ".join([kind, *sorted(filter(None, axes))]) for kind, axes in seats.items())

@@ -34,10 +34,10 @@ def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], ga
     return effect.model_copy(update={"found": origin, **rounded})
 
 
-def beside(effect: Effect, **more: object) -> Effect:
+def beside(effect: Effect, **additions: object) -> Effect:
     """An effect whose origin says more: `rivals`, `together`, `correlation` or `joints_deg` of `Found`."""
     origin = effect.found
-    return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=more)})
+    return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=additions)})
 
 
 def extended_files(
@@ -76,5 +76,5 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
     try:
         return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
     except ValidationError:
-        what = "is no name that a rig file can give to its calibration"
-        raise FileError(name, what, "use letters, digits, -, _ and . in the name of --output") from None
+        problem = "is no name that a rig file can give to its calibration"
+        raise FileError(name, problem, "use letters, digits, -, _ and . in the name of --output") from None

@@ -25,6 +25,6 @@ def draw_plane(axes: Axes, view: PlaneView, *, points: bool) -> None:
 def draw_along(axes: Axes, curve: PathCurve) -> None:
     """The mean deviation of each path across it, in µm, over the share of the path."""
     for name, ink in zip(dict.fromkeys(curve.path.tolist()), _INKS, strict=False):
-        own = curve.path == name
-        axes.plot(100 * curve.share[own], 1e3 * curve.at_mm[own], "-", lw=1, color=ink, label=name.replace("_", " "))
+        rows = curve.path == name
+        axes.plot(100 * curve.share[rows], 1e3 * curve.at_mm[rows], "-", lw=1, color=ink, label=name.replace("_", " "))
     axes.legend(fontsize=8)

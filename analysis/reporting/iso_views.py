@@ -51,7 +51,7 @@ def cube_view(result: Result) -> PlaneView | None:
 def path_view(curve: PathCurve) -> PlaneView:
     """The paths and the means of all their cycles; the small circle is no larger than what is enlarged."""
     command, off = [], []
-    for name in (one for one in dict.fromkeys(curve.path.tolist()) if one != "small_circle"):
+    for name in (path for path in dict.fromkeys(curve.path.tolist()) if path != "small_circle"):
         rows = np.flatnonzero(curve.path == name)
         rows = rows[:: max(1, len(rows) // _STATIONS)]
         command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]

@@ -107,13 +107,13 @@ def label(name: str) -> str:
 
 def whole_label(name: str, label: Callable[[str], str] = label) -> str:
     """The label of a figure by itself: a detail after what it is a detail of, as `position error, largest`."""
-    own, above = label(name).strip(), ""
-    for other, text in _LABELS.items():
-        above = above if text.startswith(" ") else other
-        if other == name:
+    text_of_figure, above = label(name).strip(), ""
+    for known_name, text in _LABELS.items():
+        above = above if text.startswith(" ") else known_name
+        if known_name == name:
             break
     if not label(name).startswith(" "):
-        return own
+        return text_of_figure
     # The place of the largest is a detail of that; a mean stands beside the rms.
     of = label(above) if name.endswith("_at_deg") else label(above).partition(", ")[0]
-    return f"{of}, {own}"
+    return f"{of}, {text_of_figure}"

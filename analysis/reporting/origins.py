@@ -20,17 +20,19 @@ def begins_with(effects: Sequence[Effect]) -> str:
     return f"{count}, " + "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
 
 
-def in_calibration(found: CalibratedModel) -> list[str]:
+def in_calibration(model: CalibratedModel) -> list[str]:
     """What a calibrated model holds, what it was shown to leave, and where it is known."""
-    runs = _listed([one.name for one in found.runs])
-    left = f"it leaves {found.calibrated_um:.0f} of {found.before_um:.0f} µm rms of its runs"
-    if found.held_out_um is not None:
-        left += f" and {found.held_out_um:.0f} µm where it had no part"
-    if found.widened > 1:
-        left += f"; its uncertainty is {found.widened:.2g} times what the readings used state, as these poses showed"
-    joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.joints_deg, 1))
+    runs = _listed([run.name for run in model.runs])
+    accuracy = f"it leaves {model.calibrated_um:.0f} of {model.before_um:.0f} µm rms of its runs"
+    if model.held_out_um is not None:
+        accuracy += f" and {model.held_out_um:.0f} µm where it had no part"
+    if model.widened > 1:
+        accuracy += (
+            f"; its uncertainty is {model.widened:.2g} times what the readings used state, as these poses showed"
+        )
+    joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
     return [
-        f"calibrated on {found.date} from {runs}: {len(found.terms)} terms; {left}",
+        f"calibrated on {model.date} from {runs}: {len(model.terms)} terms; {accuracy}",
         f"the joints were driven {joints}; outside, the calibration knows no more than a healthy arm's errors",
     ]
 
@@ -53,5 +55,5 @@ def _origin(effect: Effect) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    unlisted = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {unlisted} more" if unlisted > 0 else "")

@@ -24,8 +24,8 @@ def places_table(where: Sequence[Place]) -> list[RenderableType]:
     for heading in ("test", "part", "where", "axis", "why", "µm", "sigma"):
         number = heading in _NUMBERS
         table.add_column(heading, justify="right" if number else "left", no_wrap=number)
-    for place in sorted(where, key=lambda one: -one.sigma)[:_MOST_PLACES]:
+    for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
         row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
         table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
-    more = len(where) - _MOST_PLACES
-    return [whole(table), *([Text(f"and {more} more (all with --json)", style="dim")] if more > 0 else [])]
+    unlisted = len(where) - _MOST_PLACES
+    return [whole(table), *([Text(f"and {unlisted} more (all with --json)", style="dim")] if unlisted > 0 else [])]

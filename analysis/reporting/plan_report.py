@@ -119,13 +119,13 @@ def _title(of: str) -> str:
 
 def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
     """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
-    found: dict[str, dict[str, list[Detectability]]] = {}
+    sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
         axis, _, field = seat.partition(".")
         if axis.isdigit() == joints:
-            found.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
-    return found
+            sights_by_kind.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
+    return sights_by_kind
 
 
 def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
@@ -145,11 +145,11 @@ def _alike(plan: Plan) -> RenderableType:
     table.add_column("names")
     table.add_column("distance", justify="right")
     table.add_column("separated by", ratio=1)
-    symbols = _symbols(plan)
+    symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
-            names = "\n".join(_with_symbol(name, symbols) for name in pair.names)
+            names = "\n".join((f"{name} ({symbols[name]})" if name in symbols else name) for name in pair.names)
             names += f"\n(and {pair.others} more)" if pair.others else ""
             table.add_row(names, f"{pair.sigma:.1f} σ", _separated(pair))
         if len(pairs) > _MOST_PAIRS:
@@ -164,19 +164,10 @@ def _kind(name: str) -> str:
     return name.partition(" order ")[0]
 
 
-def _symbols(plan: Plan) -> dict[str, str]:
-    """What the field calls the number that a name changes, by name, where it calls it anything."""
-    return {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
-
-
-def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
-    return f"{name} ({symbols[name]})" if name in symbols else name
-
-
 def _separated(pair: Pair) -> Text:
-    helps = [one for one in pair.further if is_separable(one.sigma)]
+    helps = [parting for parting in pair.further if is_separable(parting.sigma)]
     if helps:
-        return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))
+        return Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
     if pair.further and pair.further[0].sigma > 0.05:
         return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
     return Text("none: their effect on every test is the same", style="yellow")
@@ -191,13 +182,13 @@ def _hidden(plan: Plan) -> RenderableType:
     table.add_column("shown by", ratio=1)
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
-        helps = [one.test for one in sight.further if one.sigma and is_detectable(1 / one.sigma)]
+        helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
         text = (
-            f"{test}, {_range([one.further[0].sigma for one in sights])} σ at a healthy size"
+            f"{test}, {_range([sight.further[0].sigma for sight in sights])} σ at a healthy size"
             if test
             else "no test here"
         )
@@ -252,5 +243,5 @@ def _effect(sight: Detectability) -> dict[str, Any]:
     return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
-def _partings(found: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
-    return [{"test": one.test, "sigma": one.sigma} for one in found]
+def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
+    return [{"test": parting.test, "sigma": parting.sigma} for parting in partings]

@@ -34,7 +34,7 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     written."""
     from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    return write_views(directory, {name: one for group in by_test(results) for name, one in _pictures(group)})
+    return write_views(directory, {name: writer for group in by_test(results) for name, writer in _pictures(group)})
 
 
 def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:
@@ -133,9 +133,9 @@ def repeatability_figure(result: Result, curve: RepeatabilityCurve) -> Figure:
     axes = figure.subplots()
     targets, place = np.unique(curve.target, return_inverse=True)
     for side, aside, name in (("out", -0.125, "from outside"), ("in", 0.125, "from inside")):
-        here = curve.approach == side
+        on_side = curve.approach == side
         ink = _INK["acw" if side == "out" else "cw"]
-        axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=ink, alpha=0.8, label=name)
+        axes.plot(place[on_side] + aside, curve.reading_mm[on_side], "o", ms=4, color=ink, alpha=0.8, label=name)
     axes.set_xticks(range(len(targets)), [str(target) for target in targets])
     label_axes(axes, "target", "reading / mm")
     text = f"uni-directional {result.figures['uni_mm']}\nbi-directional {result.figures['bi_mm']}"
@@ -193,14 +193,14 @@ def raw_figure(results: Sequence[Result]) -> Figure:
     """Angle over circle angle with its least-squares sine, a panel for each run (the paper's figure 3)."""
     test = results[0].test
     figure, panels = _panels(results, f"{test.capitalize()} angle and least-squares sine")
-    for found, axes in zip(_circles(results), panels, strict=True):
-        for lap in found.curve.laps:
-            axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[found.laps.direction])
-        axes.plot([], [], ".", ms=2, color=_INK[found.laps.direction], label=f"readings, {_laps(found)}")
+    for circle, axes in zip(_circles(results), panels, strict=True):
+        for lap in circle.curve.laps:
+            axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[circle.laps.direction])
+        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {_laps(circle)}")
         whole = np.linspace(0, 2 * np.pi, 361)
-        sine = f"sine, amplitude {found.figures['amplitude_deg']}"
-        axes.plot(np.degrees(whole), np.degrees(found.sine(whole)), "-", lw=1, color="black", label=sine)
-        axes.set_ylabel(f"{found.laps.direction}: {test} / °")
+        sine = f"sine, amplitude {circle.figures['amplitude_deg']}"
+        axes.plot(np.degrees(whole), np.degrees(circle.sine(whole)), "-", lw=1, color="black", label=sine)
+        axes.set_ylabel(f"{circle.laps.direction}: {test} / °")
         axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
     return figure
 
@@ -209,23 +209,23 @@ def error_figure(results: Sequence[Result]) -> Figure:
     """Orientation error with its band and the joints' reversals, a panel for each run (figure 6)."""
     figure, panels = _panels(results, f"Orientation error in {results[0].test}")
     low, high = _common_range(_circles(results))
-    for result, found, axes in zip(results, _circles(results), panels, strict=True):
-        error = np.degrees(found.residual)
-        for lap in found.curve.laps if found.laps.count > 1 else ():
-            own = np.degrees(at_resolution(lap - found.sine(PHI)))
-            axes.plot(np.degrees(PHI), own, "-", lw=0.5, color=_INK[found.laps.direction], alpha=0.4)
-        axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[found.laps.direction])
-        axes.axhspan(error.min(), error.max(), color=_INK[found.laps.direction], alpha=0.08, lw=0)
+    for result, circle, axes in zip(results, _circles(results), panels, strict=True):
+        error = np.degrees(circle.residual)
+        for lap in circle.curve.laps if circle.laps.count > 1 else ():
+            lap_error = np.degrees(at_resolution(lap - circle.sine(PHI)))
+            axes.plot(np.degrees(PHI), lap_error, "-", lw=0.5, color=_INK[circle.laps.direction], alpha=0.4)
+        axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[circle.laps.direction])
+        axes.axhspan(error.min(), error.max(), color=_INK[circle.laps.direction], alpha=0.08, lw=0)
         axes.set_ylim(low, high)
-        axes.set_ylabel(f"{found.laps.direction}: error / °")
-        band = f"error band {found.figures['band_deg']}"
+        axes.set_ylabel(f"{circle.laps.direction}: error / °")
+        band = f"error band {circle.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
         mark_reversals(axes, result.reversals)
     return figure
 
 
-def _laps(found: CircleResult) -> str:
-    return "1 lap" if found.laps.count == 1 else f"{found.laps.count} laps"
+def _laps(circle: CircleResult) -> str:
+    return "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
 
 
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
@@ -248,8 +248,8 @@ def _circles(results: Sequence[Result]) -> list[CircleResult]:
 
 def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
     """One scale for all panels, with room for the marks above and the band's text below."""
-    low = min(float(np.degrees(found.residual).min()) for found in circles)
-    high = max(float(np.degrees(found.residual).max()) for found in circles)
+    low = min(float(np.degrees(circle.residual).min()) for circle in circles)
+    high = max(float(np.degrees(circle.residual).max()) for circle in circles)
     return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 

@@ -26,45 +26,49 @@ _SHOWN_UM = 1.0
 def lines(program: CorrectedProgram) -> list[str]:
     """Return the lines for the screen."""
     count, moved = len(program.names), program.moved_mm
-    found = [_head(program)]
+    text_lines = [_head(program)]
     if program.held:
-        found.append("  not written: places were left, and --all-or-nothing writes only whole programs")
+        text_lines.append("  not written: places were left, and --all-or-nothing writes only whole programs")
     if steps := len(program.beside_left_mm):
-        found.append(
+        text_lines.append(
             f"  half corrected: where one of two neighbours was left ({_steps(steps)}), they now stand "
             f"{program.beside_left_mm.mean():.3f} mm (mean) off how they were taught to each other"
             + ("" if program.held else "; --all-or-nothing does not write such a program")
         )
-    found += [
-        f"  {_place(program, one.file, one.line)}: the program gives {one.kind} {one.name} other numbers than "
-        f"--{one.kind}; from there its own count"
-        for one in program.overruled[:_LISTED]
+    text_lines += [
+        f"  {_place(program, overruling.file, overruling.line)}: the program gives {overruling.kind} "
+        f"{overruling.name} other numbers than "
+        f"--{overruling.kind}; from there its own count"
+        for overruling in program.overruled[:_LISTED]
     ]
     if count:
-        found.append(
+        text_lines.append(
             f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
             f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
             f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
-        found.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
+        text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
     if outside := sum(program.outside):
         beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
         where = list(dict.fromkeys(beyond))
-        found.append(
+        text_lines.append(
             f"  {_targets(outside)} outside the joint angles that were driven, where no run shows the correction: "
             + ", ".join(where[:_LISTED])
             + (" …" if len(where) > _LISTED else "")
         )
-    for reason, number in Counter(one.reason for one in program.left).most_common():
+    for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
-        found.append(f"  left, {number} ×: {WHY[reason]}{limit}")
-    found += [f"    {_where(program, one)}: {one.name} {_why(program, one)}" for one in program.left[:_LISTED]]
+        text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
+    text_lines += [
+        f"    {_where(program, left_target)}: {left_target.name} {_why(program, left_target)}"
+        for left_target in program.left[:_LISTED]
+    ]
     if len(program.left) > _LISTED:
-        found.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+        text_lines.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
     if count:
-        found.append(f"  {NOT_TRIED}")
-    return found
+        text_lines.append(f"  {NOT_TRIED}")
+    return text_lines
 
 
 def _head(program: CorrectedProgram) -> str:
@@ -75,12 +79,13 @@ def _head(program: CorrectedProgram) -> str:
     return f"{head}, {len(program.left)} places left as they were{between}"
 
 
-def _why(program: CorrectedProgram, one: Left) -> str:
+def _why(program: CorrectedProgram, left_target: Left) -> str:
     """Why a target was left, with the places that make it so."""
     because = "; ".join(
-        f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why for place in one.because
+        f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
+        for place in left_target.because
     )
-    return f"{WHY[one.reason]} ({because})" if because else WHY[one.reason]
+    return f"{WHY[left_target.reason]} ({because})" if because else WHY[left_target.reason]
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
@@ -99,8 +104,13 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             "mean_mm": float(program.beside_left_mm.mean()) if len(program.beside_left_mm) else None,
         },
         "overruled": [
-            {"name": one.name, "kind": one.kind, "file": program.sources[one.file], "line": one.line}
-            for one in program.overruled[:_KEPT]
+            {
+                "name": overruling.name,
+                "kind": overruling.kind,
+                "file": program.sources[overruling.file],
+                "line": overruling.line,
+            }
+            for overruling in program.overruled[:_KEPT]
         ],
         "moved_mm": {"largest": float(program.moved_mm.max(initial=0.0)), "rms": _rms(program.moved_mm)},
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
@@ -120,17 +130,17 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left": [
             {
-                "file": program.sources[one.file],
-                "line": one.line,
-                "name": one.name,
-                "reason": one.reason,
-                "why": WHY[one.reason],
+                "file": program.sources[left_target.file],
+                "line": left_target.line,
+                "name": left_target.name,
+                "reason": left_target.reason,
+                "why": WHY[left_target.reason],
                 "because": [
                     {"file": program.sources[place.file] if place.line else None, "line": place.line, "why": place.why}
-                    for place in one.because
+                    for place in left_target.because
                 ],
             }
-            for one in program.left[:_KEPT]
+            for left_target in program.left[:_KEPT]
         ],
         "left_count": len(program.left),
     }
@@ -148,8 +158,8 @@ def _steps(count: int) -> str:
     return "1 step" if count == 1 else f"{count} steps"
 
 
-def _where(program: CorrectedProgram, one: Left) -> str:
-    return _place(program, one.file, one.line)
+def _where(program: CorrectedProgram, left_target: Left) -> str:
+    return _place(program, left_target.file, left_target.line)
 
 
 def _place(program: CorrectedProgram, file: int, line: int) -> str:

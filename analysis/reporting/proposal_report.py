@@ -25,25 +25,27 @@ _MOST_DIGITS = 2
 """Digits of the number of a circle."""
 
 
-def as_table(found: Proposal) -> RenderableType:
+def as_table(proposal: Proposal) -> RenderableType:
     """The proposed circles, what they add, and what stays untestable."""
-    head = f"beside {', '.join(found.tests)}, {found.runs} runs each: circles within {found.minutes:g} min"
+    head = f"beside {', '.join(proposal.tests)}, {proposal.runs} runs each: circles within {proposal.minutes:g} min"
     parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
-    reasons = ", ".join(f"{count} {reason}" for reason, count in list(found.refused.items())[:_MOST_REASONS])
-    tried = found.feasible + sum(found.refused.values())
-    parts.append(Text(f"{found.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
-    if found.circles:
-        parts.append(_circles(found))
+    reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
+    tried = proposal.feasible + sum(proposal.refused.values())
+    parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
+    if proposal.circles:
+        parts.append(_circles(proposal))
     else:
         parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
-    parts += [Text(f"{name}: {_count(judgement)}") for name, judgement in _judgements(found)]
-    if found.after.undetectable:
-        parts.append(Text(f"still not testable: {', '.join(found.after.undetectable)}", style="yellow"))
+    parts += [
+        Text(f"{name}: {_count(judgement)}")
+        for name, judgement in [
+            ("before", proposal.before),
+            *([("with them", proposal.after)] if proposal.circles else []),
+        ]
+    ]
+    if proposal.after.undetectable:
+        parts.append(Text(f"still not testable: {', '.join(proposal.after.undetectable)}", style="yellow"))
     return Group(*parts)
-
-
-def _judgements(found: Proposal) -> list[tuple[str, Judgement]]:
-    return [("before", found.before), *([("with them", found.after)] if found.circles else [])]
 
 
 def _count(judgement: Judgement) -> str:
@@ -52,50 +54,54 @@ def _count(judgement: Judgement) -> str:
     return f"{names - hidden} of {names} names are testable, {pairs} alike"
 
 
-def _circles(found: Proposal) -> Table:
-    table = Table(title=f"{found.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each", title_style="dim")
+def _circles(proposal: Proposal) -> Table:
+    table = Table(
+        title=f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each", title_style="dim"
+    )
     table.add_column("circle")
     table.add_column("min", justify="right")
     table.add_column("makes testable", ratio=1)
     table.add_column("separates", ratio=1)
-    for number, one in enumerate(found.circles, start=1):
-        pairs = ", ".join(" and ".join(pair) for pair in _separated(found, one))
-        names = ", ".join(_testable(found, one))
-        table.add_row(f"{number}. {one.candidate.words}", f"{one.candidate.minutes:.0f}", names or "–", pairs or "–")
+    for number, circle in enumerate(proposal.circles, start=1):
+        pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
+        names = ", ".join(_testable(proposal, circle))
+        table.add_row(
+            f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
+        )
     return whole(table)
 
 
-def _testable(found: Proposal, one: ProposedCircle) -> list[str]:
+def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:
     """Names that a circle makes testable, as far as the judgement with all circles, which fits shapes, agrees."""
-    return [name for name in one.testable if name not in found.after.undetectable]
+    return [name for name in circle.testable if name not in proposal.after.undetectable]
 
 
-def _separated(found: Proposal, one: ProposedCircle) -> list[tuple[str, str]]:
-    left = {frozenset(pair.names) for pair in found.after.pairs}
-    return [pair for pair in one.separated if frozenset(pair) not in left]
+def _separated(proposal: Proposal, circle: ProposedCircle) -> list[tuple[str, str]]:
+    alike = {frozenset(pair.names) for pair in proposal.after.pairs}
+    return [pair for pair in circle.separated if frozenset(pair) not in alike]
 
 
-def as_object(found: Proposal, written: list[Path]) -> dict[str, Any]:
+def as_object(proposal: Proposal, written: list[Path]) -> dict[str, Any]:
     """The same for scripts."""
     return {
-        "tests": list(found.tests),
-        "runs": found.runs,
-        "minutes": found.minutes,
-        "driveable": found.feasible,
-        "refused": dict(found.refused),
+        "tests": list(proposal.tests),
+        "runs": proposal.runs,
+        "minutes": proposal.minutes,
+        "driveable": proposal.feasible,
+        "refused": dict(proposal.refused),
         "circles": [
             {
-                "words": one.candidate.words,
-                "minutes": one.candidate.minutes,
-                "testable": _testable(found, one),
-                "separated": [list(pair) for pair in _separated(found, one)],
-                "tool_xyz_mm": list(one.candidate.rig.robot.tool.xyz_mm),
-                "circle": _circle(one.candidate.rig),
+                "words": circle.candidate.words,
+                "minutes": circle.candidate.minutes,
+                "testable": _testable(proposal, circle),
+                "separated": [list(pair) for pair in _separated(proposal, circle)],
+                "tool_xyz_mm": list(circle.candidate.rig.robot.tool.xyz_mm),
+                "circle": _circle(circle.candidate.rig),
             }
-            for one in found.circles
+            for circle in proposal.circles
         ],
-        "before": _judgement(found.before),
-        "after": _judgement(found.after),
+        "before": _judgement(proposal.before),
+        "after": _judgement(proposal.after),
         "files": [str(path) for path in written],
     }
 
@@ -104,7 +110,9 @@ def _judgement(judgement: Judgement) -> dict[str, Any]:
     return {
         "not_testable": list(judgement.undetectable),
         "alike": [list(pair.names) for pair in judgement.pairs],
-        "effects": [{"name": one.name, "sd": one.sd if not one.hidden else None} for one in judgement.detectabilities],
+        "effects": [
+            {"name": sight.name, "sd": sight.sd if not sight.hidden else None} for sight in judgement.detectabilities
+        ],
     }
 
 
@@ -119,23 +127,23 @@ def hold_free(rig: Rig, directory: Path) -> None:
         refuse_existing(path)
 
 
-def write(found: Proposal, text: str, directory: Path) -> list[Path]:
+def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
     there already."""
     from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     files = {}
-    for number in range(1, len(found.circles) + 1):
-        rig = _named(found, number)
+    for number in range(1, len(proposal.circles) + 1):
+        rig = _named(proposal, number)
         name = f"{rig.name}.yaml"
-        changed = with_values(text, _changes(found.rig, rig), rig, str(directory / name))
+        changed = with_values(text, _changes(proposal.rig, rig), rig, str(directory / name))
         files[name] = holding(changed.encode())
     return write_all_new(directory, files)
 
 
-def _named(found: Proposal, number: int) -> Rig:
-    name = _stem(found.rig, str(number))
-    return found.circles[number - 1].candidate.rig.model_copy(update={"name": name})
+def _named(proposal: Proposal, number: int) -> Rig:
+    name = _stem(proposal.rig, str(number))
+    return proposal.circles[number - 1].candidate.rig.model_copy(update={"name": name})
 
 
 def _stem(rig: Rig, number: str) -> str:
@@ -144,11 +152,11 @@ def _stem(rig: Rig, number: str) -> str:
     return f"{rig.name[:room]}-circle-{number}"
 
 
-def _changes(rig: Rig, other: Rig) -> dict[Keys, Value]:
+def _changes(rig: Rig, changed: Rig) -> dict[Keys, Value]:
     """Return the values in which a rig with a proposed circle differs from the rig that it comes from."""
-    before, after = _circle(rig), _circle(other)
-    changes: dict[Keys, Value] = {("name",): other.name}
+    before, after = _circle(rig), _circle(changed)
+    changes: dict[Keys, Value] = {("name",): changed.name}
     changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
-    if rig.robot.tool != other.robot.tool:
-        changes["robot", "tool", "xyz_mm"] = list(other.robot.tool.xyz_mm)
+    if rig.robot.tool != changed.robot.tool:
+        changes["robot", "tool", "xyz_mm"] = list(changed.robot.tool.xyz_mm)
     return changes

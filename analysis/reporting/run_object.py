@@ -23,24 +23,26 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
     plain: dict[str, Any] = for_json(
         {
             "runs": runs,
-            "between_runs": [_pooled_object(one) for group in groups for one in pooled(group)],
-            "remarks": [what_u_is(group, [one for one in pooled(group) if one.figures]) for group in groups],
+            "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
+            "remarks": [
+                what_u_is(group, [runs_mean for runs_mean in pooled(group) if runs_mean.figures]) for group in groups
+            ],
             "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
         }
     )
     return plain
 
 
-def _pooled_object(one: Pooled) -> dict[str, Any]:
+def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
     """u of the mean, sd between the runs: what no single run can show."""
-    every = one.runs or tuple(result for result, _ in one.left_out)
+    every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
     return {
         "rig": every[0].measured.rig.name,
         "test": every[0].test,
         "direction": every[0].measured.run.manifest.direction,
-        "runs": [str(result.measured.path) for result in one.runs],
-        "left_out": {str(result.measured.path): why for result, why in one.left_out},
-        "figures": {name: _between_object(figure) for name, figure in one.figures.items()},
+        "runs": [str(result.measured.path) for result in runs_mean.runs],
+        "left_out": {str(result.measured.path): why for result, why in runs_mean.left_out},
+        "figures": {name: _between_object(figure) for name, figure in runs_mean.figures.items()},
     }
 
 

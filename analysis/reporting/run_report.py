@@ -28,17 +28,17 @@ class _Abreast:
     """Runs of one test side by side, as many as the screen holds without breaking a number."""
 
     results: Sequence[Result]
-    known: dict[int, dict[str, TruthComparison]]
+    truth_of: dict[int, dict[str, TruthComparison]]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         boundless = console.options.update(max_width=10_000)
-        rest = self.results
-        while rest:
-            tables = (_table(rest[:count], self.known) for count in range(len(rest), 0, -1))
+        remaining = self.results
+        while remaining:
+            tables = (_table(remaining[:count], self.truth_of) for count in range(len(remaining), 0, -1))
             fits = (table for table in tables if console.measure(table, options=boundless).maximum <= options.max_width)
-            shown = next(fits, _table(rest[:1], self.known))
+            shown = next(fits, _table(remaining[:1], self.truth_of))
             yield shown
-            rest = rest[len(shown.columns) - 1 :]
+            remaining = remaining[len(shown.columns) - 1 :]
 
 
 def as_tables(
@@ -48,16 +48,16 @@ def as_tables(
 
     A column for each direction, the mean of its runs; for each run where it is asked for or the truth is known, or
     where nothing was repeated."""
-    known = {id(result): truth for result, truth in zip(results, truths, strict=False)}
+    truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
     doubts = [(result, doubt) for result in results for doubt in result.doubts]
     for group in by_test(results):
         together = pooled(group)
-        repeated = [one for one in together if one.figures]
+        repeated = [means for means in together if means.figures]
         if repeated and not truths:
             parts.append(_means(repeated))
         if each or truths or len(repeated) < len({result.title for result in group}):
-            parts.append(_Abreast(group, known))
+            parts.append(_Abreast(group, truth_of))
         each_word = "; ± of single runs with --each" if repeated and not each else ""
         parts.append(Text(what_u_is(group, repeated) + each_word, style="dim"))
         both = pairs_of(group)
@@ -68,7 +68,7 @@ def as_tables(
             *warmth_in_words(group),
         )
         parts += [Text(line, style="dim") for line in lines]
-        doubts += [(result, why) for one in together for result, why in one.left_out]
+        doubts += [(result, why) for means in together for result, why in means.left_out]
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
     parts += [Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result, doubt in doubts]
@@ -82,10 +82,10 @@ def _means(repeated: Sequence[Pooled]) -> Table:
         title=f"{rig} · mean over runs ± standard uncertainty of the mean", title_style="dim", header_style="bold"
     )
     table.add_column("")
-    for one in repeated:
-        table.add_column(_over(one.title, f"{len(one.runs)} runs"), justify="right")
-    for name in in_order(name for one in repeated for name in one.figures):
-        cells = [_mean_cell(one.figures[name]) if name in one.figures else "" for one in repeated]
+    for mean in repeated:
+        table.add_column(_over(mean.title, f"{len(mean.runs)} runs"), justify="right")
+    for name in in_order(name for mean in repeated for name in mean.figures):
+        cells = [_mean_cell(mean.figures[name]) if name in mean.figures else "" for mean in repeated]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     return whole(table)
 
@@ -99,14 +99,14 @@ def _over(text: str, below: str, style: str = "dim") -> Text:
     return Text.assemble(text, "\n", (below, style))
 
 
-def _table(group: Sequence[Result], known: dict[int, dict[str, TruthComparison]]) -> Table:
+def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthComparison]]) -> Table:
     title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
     table = Table(title=title, title_style="dim", header_style="bold")
     table.add_column("")
     for result in group:
         table.add_column(_over(result.title, result.name), justify="right")
     for name in in_order(name for result in group for name in result.figures):
-        cells = [_cell(result, name, known.get(id(result), {})) for result in group]
+        cells = [_cell(result, name, truth_of.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
     if lags := _lags(group):
@@ -116,8 +116,8 @@ def _table(group: Sequence[Result], known: dict[int, dict[str, TruthComparison]]
 
 def _lags(group: Sequence[Result]) -> list[str]:
     """How well the gauges' time is known against the robot's, where that is known of any run."""
-    known = any(result.measured.u_lag_s for result in group)
-    return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if known else []
+    lag_is_known = any(result.measured.u_lag_s for result in group)
+    return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if lag_is_known else []
 
 
 def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str | Text:
@@ -126,6 +126,6 @@ def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str |
         return ""
     if name not in truth:
         return str(figure)
-    known = truth[name]
-    colour = "green" if abs(known.deviation_u) <= 2 else "red"
-    return _over(str(figure), f"truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)", colour)
+    comparison = truth[name]
+    colour = "green" if abs(comparison.deviation_u) <= 2 else "red"
+    return _over(str(figure), f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)", colour)

@@ -21,19 +21,19 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
     """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
     if not repeated:
         return ONE_RUN
-    runs = " and ".join(f"{len(one.runs)} runs {one.title}" for one in repeated)
+    runs = " and ".join(f"{len(mean.runs)} runs {mean.title}" for mean in repeated)
     means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
     titles = dict.fromkeys(result.title for result in group)
-    alone = [title for title in titles if title not in {one.title for one in repeated}]
-    return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
+    single = [title for title in titles if title not in {mean.title for mean in repeated}]
+    return f"{means}; {' and '.join(single)}: {ONE_RUN}" if single else means
 
 
 def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
     """A figure as people read it. Where the largest hysteresis is smaller than u it is noise, and no more than u is
     known of it."""
-    one = figure.mean if isinstance(figure, BetweenRuns) else figure
-    if name in _LARGEST_OF_NOISE and one.value < one.u < np.inf:
-        return f"≤ {one.rounded_u} {one.sign}"
+    value = figure.mean if isinstance(figure, BetweenRuns) else figure
+    if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
+        return f"≤ {value.rounded_u} {value.sign}"
     return str(figure)
 
 
@@ -83,7 +83,7 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
     lines = []
     for result in group:
         if warmth := result.measured.condition.warmth:
-            means, rises = ([getattr(one, key) for one in warmth.values()] for key in ("mean_c", "rise_c"))
+            means, rises = ([getattr(warming, key) for warming in warmth.values()] for key in ("mean_c", "rise_c"))
             most = max(rises, key=abs)
             line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
             lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
@@ -92,8 +92,8 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
 
 def _rate(both: Pairs) -> float:
     """How fast the circle was driven, rad/s."""
-    found = both.runs[0][0].found
-    return abs(found.curve.rate) if isinstance(found, CircleResult) else 0.0
+    figures = both.runs[0][0].found
+    return abs(figures.curve.rate) if isinstance(figures, CircleResult) else 0.0
 
 
 def _of_lag(lag: Quantity, rate: float) -> str:

@@ -38,16 +38,18 @@ def listed(rows: Sequence[dict[str, Any]]) -> Table:
     table.add_column("run", f"{len(rows)} run{'s' * (len(rows) != 1)}")
     table.add_column("test")
     table.add_column("status")
-    table.add_column("size", _size(sum(one["bytes"] for one in rows)), justify="right")
+    table.add_column("size", _size(sum(listed_row["bytes"] for listed_row in rows)), justify="right")
     table.add_column("age", justify="right")
     table.add_column("exported")
     table.add_column("kept")
-    for one in rows:
-        test = " ".join(filter(None, (one["test"], one["direction"]))) or "?"
-        status = Text(one["status"], "" if one["status"] == "complete" else "yellow")
-        exported = one["exported"][:10] if one["exported"] else "no"
-        kept = "kept" if one["kept"] else ""
-        table.add_row(one["run"], test, status, _size(one["bytes"]), _age(one["age_s"]), exported, kept)
+    for listed_row in rows:
+        test = " ".join(filter(None, (listed_row["test"], listed_row["direction"]))) or "?"
+        status = Text(listed_row["status"], "" if listed_row["status"] == "complete" else "yellow")
+        exported = listed_row["exported"][:10] if listed_row["exported"] else "no"
+        kept = "kept" if listed_row["kept"] else ""
+        table.add_row(
+            listed_row["run"], test, status, _size(listed_row["bytes"]), _age(listed_row["age_s"]), exported, kept
+        )
     return table
 
 

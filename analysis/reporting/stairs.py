@@ -37,43 +37,43 @@ class Stairs:
     @property
     def largest_um(self) -> float:
         """The most that a step leaves anywhere."""
-        return max(1e-9, *(left.um for step in self.steps for left in step.left))
+        return max(1e-9, *(residue.um for step in self.steps for residue in step.left))
 
 
-def stairs_of(found: Diagnosis, texts: Texts | None = None) -> Stairs | None:
+def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
     """The stairs of a diagnosis; None where it has none."""
-    if found.staircase is None:
+    if diagnosis.staircase is None:
         return None
     texts = texts or texts_of("en")
-    words = AnswerWords(found, texts)
+    words = AnswerWords(diagnosis, texts)
     names = []
-    for step in found.staircase.steps[1:]:
+    for step in diagnosis.staircase.steps[1:]:
         count = len(step.parts)
-        part = texts("smaller_parts", count=count) if count > 1 else words.part_name(found.budget[step.parts[0]])
+        part = texts("smaller_parts", count=count) if count > 1 else words.part_name(diagnosis.budget[step.parts[0]])
         names.append(texts("step_with", part=part))
-    return _named(found.staircase, [texts("step_first"), *names])
+    return _named(diagnosis.staircase, [texts("step_first"), *names])
 
 
-def stairs_of_model(found: Disagreement) -> Stairs | None:
+def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
     """The stairs of a rig file's effects and its calibration; None where its model has none."""
-    if found.staircase is None:
+    if disagreement.staircase is None:
         return None
-    texts, rig = texts_of("en"), found.rig
+    texts, rig = texts_of("en"), disagreement.rig
     parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
-    names = [texts("step_with", part=parts[step.parts[0]]) for step in found.staircase.steps[1:]]
-    return _named(found.staircase, [texts("step_bare"), *names])
+    names = [texts("step_with", part=parts[step.parts[0]]) for step in disagreement.staircase.steps[1:]]
+    return _named(disagreement.staircase, [texts("step_bare"), *names])
 
 
 def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
-    lefts = [tuple(filter(None, (one.used, one.held_out, one.unseen))) for one in staircase.steps]
+    lefts = [tuple(filter(None, (step.used, step.held_out, step.unseen))) for step in staircase.steps]
     return Stairs(staircase.places, tuple(map(Stair, names, lefts)))
 
 
-def left_words(left: Left) -> str:
+def left_words(residue: Left) -> str:
     """What is left ± its standard uncertainty, in µm; what is far below that, as less than it."""
-    if left.um < left.u_um / 2:
-        return f"< {left.u_um:.1f}"
-    return f"{left.um:.1f} ± {left.u_um:.1f}" if left.u_um > 0 else f"{left.um:.1f}"
+    if residue.um < residue.u_um / 2:
+        return f"< {residue.u_um:.1f}"
+    return f"{residue.um:.1f} ± {residue.u_um:.1f}" if residue.u_um > 0 else f"{residue.um:.1f}"
 
 
 def stairs_table(stairs: Stairs) -> Table:

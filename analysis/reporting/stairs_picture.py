@@ -30,7 +30,7 @@ def draw_stairs(sheet: SubFigure, stairs: Stairs, floor_um: float) -> None:
             )  # fmt: skip
         axes.errorbar(um, place, xerr=u_um, fmt="none", ecolor="black", elinewidth=0.7)
     for y, step in zip(place, stairs.steps, strict=True):
-        at = (max(left.um + left.u_um for left in step.left), y)
+        at = (max(residue.um + residue.u_um for residue in step.left), y)
         axes.annotate(left_words(step.left[0]), at, (5, 0), textcoords="offset points", va="center", fontsize=8)
     axes.set_yticks(place, [step.name for step in stairs.steps], fontsize=8)
     if np.isfinite(floor_um):

@@ -37,8 +37,8 @@ class Texts:
 
     def axis(self, robot: Robot, axis: int) -> str:
         """What an axis, counted from 1, is called: `axis 4 (gamma)`."""
-        own = robot.own_name(axis)
-        return self("axis_of", axis=axis, name=own) if own else self("axis_numbered", axis=axis)
+        name = robot.own_name(axis)
+        return self("axis_of", axis=axis, name=name) if name else self("axis_numbered", axis=axis)
 
     def label(self, name: str) -> str:
         """The label of a figure, the English one where this language has none."""

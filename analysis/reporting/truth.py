@@ -27,16 +27,16 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
     """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
     try:
         truth = json.loads(read_bytes(path, _MOST_BYTES))
-        found = [_one(result, truth) for result in results]
+        comparisons = [_one(result, truth) for result in results]
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise FileError(
             str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
         ) from None
-    if not any(found):
+    if not any(comparisons):
         raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
-    return found
+    return comparisons
 
 
 def _one(result: Result, truth: dict[str, Any]) -> dict[str, TruthComparison]:
@@ -54,11 +54,11 @@ def _one(result: Result, truth: dict[str, Any]) -> dict[str, TruthComparison]:
 
 def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
     """Whether every figure lies within two standard uncertainties of the truth."""
-    return all(abs(comparison.deviation_u) <= 2 for one in comparisons for comparison in one.values())
+    return all(abs(comparison.deviation_u) <= 2 for by_name in comparisons for comparison in by_name.values())
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
     """The number of figures that agree with the truth within two standard uncertainties, in one line."""
-    every = [comparison for one in comparisons for comparison in one.values()]
+    every = [comparison for by_name in comparisons for comparison in by_name.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"

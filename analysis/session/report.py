@@ -31,7 +31,7 @@ def write_report(session: Session, rig: Rig, place: Place) -> Path:
     report = gather(
         evaluate_runs(find),
         model,
-        found=_diagnosed([*find, *joined], model) if joined else None,
+        diagnosis=_diagnosed([*find, *joined], model) if joined else None,
         after=_before_after(session, place, model),
         progress=_silent,
     )

@@ -149,12 +149,12 @@ class _Pages:
         return Follow(board)
 
     async def session(self, request: Request) -> Response:
-        said: list[str] = []
+        session_lines: list[str] = []
         if self._window.controls is not None:
-            said = await run_in_threadpool(self._window.controls.session_lines)
+            session_lines = await run_in_threadpool(self._window.controls.session_lines)
         place = self._window.place
         makers = MAKERS if place is not None and not place.file.exists() else ()
-        return self._page(request, "session.html", has_session=place is not None, said=said, makers=makers)
+        return self._page(request, "session.html", has_session=place is not None, said=session_lines, makers=makers)
 
     def session_report(self, request: Request) -> Response:
         place = self._window.place
@@ -172,11 +172,11 @@ class _Pages:
     def runs(self, request: Request) -> Response:
         words = request.query_params.get("q", "")[:200]
         shown, count = self._window.shelf.runs(words)
-        robots = sorted({str(one.about["rig"]) for one in shown if one.about["rig"]})
-        more = max(0, count - MOST_SHOWN)
+        robots = sorted({str(run.about["rig"]) for run in shown if run.about["rig"]})
+        unshown = max(0, count - MOST_SHOWN)
         waits = self._evaluates(shown)
         return self._page(
-            request, "runs.html", runs=shown, count=count, more=more, words=words, robots=robots, waits=waits
+            request, "runs.html", runs=shown, count=count, more=unshown, words=words, robots=robots, waits=waits
         )
 
     def run(self, request: Request) -> Response:
@@ -209,12 +209,12 @@ class _Pages:
         if len(shown) != 2:
             raise HTTPException(400, "choose_two")
         pictures, why = self._pictures(shown)
-        one, other = ({figure.name: figure.value for figure in run.figures} for run in shown)
+        first, second = ({figure.name: figure.value for figure in run.figures} for run in shown)
         rows = []
-        for name in (name for name in one if name in other):
-            u = (one[name].u ** 2 + other[name].u ** 2) ** 0.5
-            difference = other[name].value - one[name].value
-            rows.append((name, one[name], other[name], difference, difference / u if u > 0 else None))
+        for name in (name for name in first if name in second):
+            u = (first[name].u ** 2 + second[name].u ** 2) ** 0.5
+            difference = second[name].value - first[name].value
+            rows.append((name, first[name], second[name], difference, difference / u if u > 0 else None))
         return self._page(
             request, "compare.html", runs=shown, rows=rows, pictures=pictures or [], why=why, waits=pictures is None
         )
@@ -282,12 +282,12 @@ class _Pages:
         if self._window.gate.token is None and not _may_control(request, controls):
             return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
         try:
-            said = await run_in_threadpool(controls.do, request.path_params["what"], form)
+            answer = await run_in_threadpool(controls.do, request.path_params["what"], form)
         except RigError as error:
             return JSONResponse({"ok": False, "said": str(error)}, 409)
-        if said is None:
+        if answer is None:
             raise HTTPException(404)
-        return JSONResponse({"ok": True, "said": said})
+        return JSONResponse({"ok": True, "said": answer})
 
     async def static(self, request: Request) -> Response:
         name = request.path_params["file"]
@@ -341,7 +341,7 @@ class _Pages:
 
     def _evaluates(self, shown: Sequence[Shown]) -> bool:
         """Have runs without figures evaluated, as `rig history` does and keeps; return whether that is under way."""
-        new = {str(one.about["rig"]) for one in shown if one.record is None and _is_whole(one)}
+        new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
             made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
         except RigError:  # the next try says more
@@ -349,7 +349,7 @@ class _Pages:
         return None in made
 
     def _history_of(self, robot: str) -> Wanted:
-        runs = tuple(one.path for one in self._window.shelf.runs()[0] if one.about["rig"] == robot)
+        runs = tuple(run.path for run in self._window.shelf.runs()[0] if run.about["rig"] == robot)
         directory = str(self._window.shelf.directory.resolve())
         words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
         return Wanted("analysis.cli", words, runs)
@@ -358,19 +358,23 @@ class _Pages:
         """The addresses of the pictures of runs, None while they are drawn; and why there are none."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
-            made = self._window.made.get(Wanted("analysis.cli", words, tuple(one.path for one in shown)))
+            made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
         except RigError as error:
             return [], error.what
-        return (None, "") if made is None else ([f"/made/{made.name}/{one.name}" for one in _pngs(made)], "")
+        return (
+            (None, "")
+            if made is None
+            else ([f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], "")
+        )
 
     def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[Shown]) -> Response:
-        return self._served(request, Wanted("analysis.cli", words, tuple(one.path for one in shown)))
+        return self._served(request, Wanted("analysis.cli", words, tuple(run.path for run in shown)))
 
-    def _served(self, request: Request, wanted: Wanted) -> Response:
-        made = self._window.made.get(wanted)
+    def _served(self, request: Request, making: Wanted) -> Response:
+        made = self._window.made.get(making)
         if made is None:
             return self._wait(request)
-        scripts = "?scripts=1" if wanted.arguments[0] == "report" else ""
+        scripts = "?scripts=1" if making.arguments[0] == "report" else ""
         return RedirectResponse(f"/made/{made.name}/{_PAGE}{scripts}", 303)
 
     def _wait(self, request: Request) -> Response:
@@ -379,8 +383,8 @@ class _Pages:
 
 def _label(language: Language, name: str) -> str:
     """What a figure is called in a language, and in English where it is that of an axis."""
-    own = report_texts(language).label(name)
-    return label_of(name) if own == name else own
+    label = report_texts(language).label(name)
+    return label_of(name) if label == name else label
 
 
 def _written(value: Quantity) -> str:
@@ -407,8 +411,4 @@ def _is_whole(shown: Shown) -> bool:
 
 
 def _paths(shown: Sequence[Shown]) -> list[str]:
-    return [str(one.path.resolve()) for one in shown]
-
-
-def _pngs(made: Path) -> list[Path]:
-    return sorted(made.glob("*.png"))
+    return [str(run.path.resolve()) for run in shown]

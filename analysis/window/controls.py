@@ -35,10 +35,10 @@ class Controls:
         except RigError:  # no daemon runs, and what is started here runs as this user
             return user in (0, os.geteuid())
 
-    def do(self, what: str, form: Mapping[str, str]) -> str | None:
+    def do(self, action: str, form: Mapping[str, str]) -> str | None:
         """Do what a form asks for; return what to say of it, None for what is not known. Raises RigError."""
         watcher = self._watcher
-        match what:
+        match action:
             case "start":
                 label, wrong = label_of(" ".join(form.get(key, "") for key in ("name", "test", "direction")))
                 if label is None:
@@ -54,7 +54,7 @@ class Controls:
             case "restart":
                 watcher.restart()
             case "session":
-                maker = next((one for one in MAKERS if one == form.get("maker")), None)
+                maker = next((known_maker for known_maker in MAKERS if known_maker == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 return None

@@ -45,8 +45,8 @@ class Foxglove:
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
-            what = "needs foxglove-sdk, which is not installed"
-            raise CellError("--foxglove", what, to_install("foxglove-sdk")) from None
+            problem = "needs foxglove-sdk, which is not installed"
+            raise CellError("--foxglove", problem, to_install("foxglove-sdk")) from None
         context = self._context = foxglove.Context()  # its channels live as long as it does
 
         def channel(topic: str, schema: dict[str, Any]) -> Any:
@@ -67,8 +67,8 @@ class Foxglove:
             self._door = Door.opened(port, (inner, int(self._server.port)), gate)
         except OSError as error:
             self._server.stop()
-            what = f"cannot be listened on: {error.strerror or error}"
-            raise CellError(f"127.0.0.1:{port}", what, "give another port") from None
+            problem = f"cannot be listened on: {error.strerror or error}"
+            raise CellError(f"127.0.0.1:{port}", problem, "give another port") from None
 
     @property
     def port(self) -> int:
@@ -92,8 +92,8 @@ class Foxglove:
             g1, g2 = view.rows.g_mm[k]
             degrees = float(np.degrees(angle(g1, g2, cell.baseline_mm))) if cell.has_angle else math.nan
             values = {"g1_mm": g1, "g2_mm": g2, "angle_deg": degrees, "phi_deg": math.degrees(view.phi[k])}
-            there = {name: float(value) for name, value in values.items() if math.isfinite(value)}
-            self._gauges.log(there, log_time=at_ns)
+            finite = {name: float(value) for name, value in values.items() if math.isfinite(value)}
+            self._gauges.log(finite, log_time=at_ns)
             message = joint_states(cell.axes, np.degrees(view.rows.q[k]).tolist(), at_ns)
             if message["joints"]:
                 self._joints.log(message, log_time=at_ns)
@@ -101,6 +101,6 @@ class Foxglove:
     def close(self) -> None:
         """End it."""
         self._door.close()
-        for one in (self._joints, self._gauges, self._described):
-            one.close()
+        for channel in (self._joints, self._gauges, self._described):
+            channel.close()
         self._server.stop()

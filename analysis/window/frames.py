@@ -38,7 +38,7 @@ def cell(view: LiveView) -> dict[str, Any]:
         "circle": view.cell.frame is not None,
         "start_deg": math.degrees(view.cell.start_rad),
         "laps": view.cell.laps,
-        "range_mm": [list(one) if one else None for one in view.cell.range_mm],
+        "range_mm": [list(range_mm) if range_mm else None for range_mm in view.cell.range_mm],
     }
 
 
@@ -58,19 +58,19 @@ def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, An
     }
 
 
-def curve(found: ErrorCurve) -> dict[str, Any]:
+def curve(error_curve: ErrorCurve) -> dict[str, Any]:
     """An error curve: its pieces as places in tenths of a degree and errors in hundred-thousandths of its unit."""
-    step = max(1, math.ceil(len(found.phi) / _CURVE_POINTS))
+    step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
     return {
-        "band": round(found.band, 6) if len(found.phi) else None,
-        "whole": found.is_whole,
-        "less_sine": found.less_sine,
+        "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
+        "whole": error_curve.is_whole,
+        "less_sine": error_curve.less_sine,
         "pieces": [
             [
-                _whole(np.degrees(found.phi[piece])[::step] * _PHI_PER_DEG),
-                _whole(found.error[piece][::step] * _ERROR_PER_UNIT),
+                _whole(np.degrees(error_curve.phi[piece])[::step] * _PHI_PER_DEG),
+                _whole(error_curve.error[piece][::step] * _ERROR_PER_UNIT),
             ]
-            for piece in pieces(found)
+            for piece in pieces(error_curve)
         ],
     }
 
@@ -79,17 +79,17 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
     """Both curves by direction, and the circle: its scale, and where joints turned back."""
     both = shown_curves(view)
     turned: list[list[float]] = []
-    for one in reversed(view.reversals[-_REVERSALS:]):
-        mark = [one.axis, round(math.degrees(one.phi_rad), 1), one.sense]
-        if math.isfinite(one.phi_rad) and not any(_is_same(mark, other) for other in turned):
+    for reversal in reversed(view.reversals[-_REVERSALS:]):
+        mark = [reversal.axis, round(math.degrees(reversal.phi_rad), 1), reversal.sense]
+        if math.isfinite(reversal.phi_rad) and not any(_is_same(mark, earlier) for earlier in turned):
             turned.append(mark)
     return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
 
 
-def _is_same(mark: list[float], other: list[float]) -> bool:
+def _is_same(mark: list[float], earlier: list[float]) -> bool:
     """Whether two reversals are those of one joint at one place, in two laps."""
-    apart = abs(math.remainder(mark[1] - other[1], 360.0))
-    return (mark[0], mark[2]) == (other[0], other[2]) and apart < _ONE_PLACE_DEG
+    apart = abs(math.remainder(mark[1] - earlier[1], 360.0))
+    return (mark[0], mark[2]) == (earlier[0], earlier[2]) and apart < _ONE_PLACE_DEG
 
 
 def trace(view: LiveView) -> dict[str, Any]:
@@ -108,30 +108,32 @@ def links(view: LiveView) -> dict[str, Any]:
     streams = [
         {
             "name": name,
-            "connected": one["connected"],
-            "rate_hz": round(one["rate_hz"], 1),
-            "faults": ", ".join(f"{count} {kind}" for kind, count in one["counters"].items() if kind != "samples"),
-            "last_fault": one["last_fault"],
+            "connected": stream["connected"],
+            "rate_hz": round(stream["rate_hz"], 1),
+            "faults": ", ".join(f"{count} {kind}" for kind, count in stream["counters"].items() if kind != "samples"),
+            "last_fault": stream["last_fault"],
         }
-        for name, one in state.get("streams", {}).items()
+        for name, stream in state.get("streams", {}).items()
     ]
     disk = state.get("disk")
     return {
         "streams": streams,
         "disk": {"free": disk["free_bytes"], "size": disk["size_bytes"]} if disk else None,
         "last_end": state.get("last_end") or "",
-        "events": [[round(one.t_s, 1), event_words(one, view)] for one in reversed(view.events[-_EVENTS:])],
+        "events": [[round(event.t_s, 1), event_words(event, view)] for event in reversed(view.events[-_EVENTS:])],
     }
 
 
 def _line(mm: Array) -> list[int | None]:
-    there = np.isfinite(mm)
-    if not there.any():
+    finite = np.isfinite(mm)
+    if not finite.any():
         return []
-    less = np.where(there, mm - mm[there].mean(), 0.0) * _UM_TENTHS_PER_MM
-    return [round(value) if known else None for value, known in zip(less.tolist(), there.tolist(), strict=True)]
+    less = np.where(finite, mm - mm[finite].mean(), 0.0) * _UM_TENTHS_PER_MM
+    return [
+        round(value) if is_finite else None for value, is_finite in zip(less.tolist(), finite.tolist(), strict=True)
+    ]
 
 
 def _whole(values: Array) -> list[int]:
-    found: list[int] = np.rint(values).astype(int).tolist()
-    return found
+    whole_numbers: list[int] = np.rint(values).astype(int).tolist()
+    return whole_numbers

@@ -55,8 +55,8 @@ def token_of(file: Path) -> str:
     except OSError as error:
         raise FileError(str(file), error.strerror or str(error), "give the file that holds the token") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
-        what = f"holds no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
-        raise FileError(str(file), what, "make one: openssl rand -hex 24 > FILE, and chmod 600 FILE")
+        problem = f"holds no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
+        raise FileError(str(file), problem, "make one: openssl rand -hex 24 > FILE, and chmod 600 FILE")
     if file.stat().st_mode & 0o007:
         raise FileError(str(file), "can be read by every user of this computer", f"chmod 600 {file}")
     return token
@@ -90,16 +90,16 @@ class Gate:
         """What a browser that has shown the token holds; it leads back to no token and ends with the process."""
         return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
 
-    def is_token(self, given: str) -> bool:
+    def is_token(self, token: str) -> bool:
         """Whether this is the token, in the same time whatever is given."""
-        return self.token is not None and _same(given, self.token)
+        return self.token is not None and _same(token, self.token)
 
     def is_let_in(self, headers: Mapping[str, str]) -> bool:
         """Whether a request shows the token or the pass."""
         if self.token is None:
             return True
-        kind, _, given = headers.get("authorization", "").partition(" ")
-        return (kind.lower() == "bearer" and self.is_token(given.strip())) or _same(_cookie(headers), self.pass_)
+        kind, _, credentials = headers.get("authorization", "").partition(" ")
+        return (kind.lower() == "bearer" and self.is_token(credentials.strip())) or _same(_cookie(headers), self.pass_)
 
     def is_own_form(self, form: Mapping[str, str]) -> bool:
         """Whether a form was made by this process."""
@@ -138,10 +138,10 @@ class Guard:
 
         async def send_held(message: Message) -> None:
             if message["type"] == "http.response.start":
-                given = {name.lower() for name, _ in message.get("headers", [])}
-                own = {"content-security-policy": _POLICY, **_HEADERS}
-                more = [(k.encode(), v.encode()) for k, v in own.items() if k.encode() not in given]
-                message = {**message, "headers": [*message.get("headers", []), *more]}
+                present = {name.lower() for name, _ in message.get("headers", [])}
+                added = {"content-security-policy": _POLICY, **_HEADERS}
+                missing = [(k.encode(), v.encode()) for k, v in added.items() if k.encode() not in present]
+                message = {**message, "headers": [*message.get("headers", []), *missing]}
             await send(message)
 
         app = self._app
@@ -181,11 +181,11 @@ def _name(host: str) -> str:
 
 def _cookie(headers: Mapping[str, str]) -> str:
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
     except CookieError:
         return ""
-    return found.value if found else ""
+    return cookie.value if cookie else ""
 
 
-def _same(one: str, other: str) -> bool:
-    return hmac.compare_digest(one.encode("utf-8", "surrogateescape"), other.encode())
+def _same(text: str, secret: str) -> bool:
+    return hmac.compare_digest(text.encode("utf-8", "surrogateescape"), secret.encode())

@@ -60,12 +60,12 @@ class Made:
         """Keys with what went wrong, empty where nothing did."""
         self._current: tuple[str, Child, float] | None = None
 
-    def get(self, wanted: Wanted) -> Path | None:
+    def get(self, making: Wanted) -> Path | None:
         """Return the directory of what is wanted, None while it is not ready.
 
         Raises FileError once where it could not be made, and CellError where too much waits already.
         """
-        key = wanted.key
+        key = making.key
         with self._lock:
             self._advance()
             if key in self._done:
@@ -74,11 +74,11 @@ class Made:
                 if not why:
                     return self._directory / key
                 del self._done[key]
-                raise FileError(wanted.arguments[0], why, "see the runs, or try again")
+                raise FileError(making.arguments[0], why, "see the runs, or try again")
             if key not in self._waiting and (self._current is None or self._current[0] != key):
                 if len(self._waiting) >= MOST_WAITING:
                     raise CellError("rig window", "other pages are being made", "try again in a minute")
-                self._waiting[key] = wanted
+                self._waiting[key] = making
                 self._advance()
             return None
 
@@ -110,19 +110,19 @@ class Made:
             self._current = None
             # What could be made of the good runs is shown, although others were refused.
             is_made = any((self._directory / key).iterdir())
-            said = "" if is_made else _error_in(child.log) or child.ended().what
-            self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else said
+            problem = "" if is_made else _error_in(child.log) or child.ended().what
+            self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else problem
             while len(self._done) > _MOST_KEPT:
                 old, _ = self._done.popitem(last=False)
                 shutil.rmtree(self._directory / old, ignore_errors=True)
         if self._waiting:
-            key, wanted = self._waiting.popitem(last=False)
+            key, making = self._waiting.popitem(last=False)
             out = self._directory / key
             shutil.rmtree(out, ignore_errors=True)
             out.mkdir(parents=True)
-            arguments = [one.replace("{out}", str(out)) for one in wanted.arguments]
+            arguments = [argument.replace("{out}", str(out)) for argument in making.arguments]
             log = self._directory / f"{key}.log"
-            self._current = key, Child.start(wanted.module, "rig", arguments, log, nice=_NICE), clock.now_s()
+            self._current = key, Child.start(making.module, "rig", arguments, log, nice=_NICE), clock.now_s()
 
 
 def _error_in(log: Path) -> str:

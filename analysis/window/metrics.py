@@ -26,29 +26,34 @@ def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
 
 
 def _metrics(runs: list[Shown]) -> Iterator[Metric]:
-    shown = [(_labels(run, one), one) for run in runs for one in run.figures if one.limit or one in run.leading]
-    values = tuple((labels, one.value.value) for labels, one in shown)
+    shown = [
+        (_labels(run, figure), figure)
+        for run in runs
+        for figure in run.figures
+        if figure.limit or figure in run.leading
+    ]
+    values = tuple((labels, figure.value.value) for labels, figure in shown)
     yield Metric("rig_figure", "gauge", "Figure of the newest run of each test, in the unit of its name.", values)
-    u = tuple((labels, one.value.u) for labels, one in shown)
+    u = tuple((labels, figure.value.u) for labels, figure in shown)
     yield Metric("rig_figure_uncertainty", "gauge", "Its standard uncertainty.", u)
     limits = tuple(
         ({**labels, "bound": name}, bound)
-        for labels, one in shown
-        if one.limit
-        for name, bound in (("watch", one.limit.watch), ("fail", one.limit.fail))
+        for labels, figure in shown
+        if figure.limit
+        for name, bound in (("watch", figure.limit.watch), ("fail", figure.limit.fail))
         if bound is not None
     )
     yield Metric("rig_figure_limit", "gauge", "Limits of the rig file: from watch on, and beyond fail.", limits)
     standings = tuple(
-        ({**labels, "standing": name}, float(one.standing == name))
-        for labels, one in shown
-        if one.standing
+        ({**labels, "standing": name}, float(figure.standing == name))
+        for labels, figure in shown
+        if figure.standing
         for name in _STANDINGS
     )
     yield Metric("rig_figure_standing", "gauge", "1 for how the figure stands against its limits.", standings)
 
 
-def _labels(run: Shown, one: Figure) -> Labels:
+def _labels(run: Shown, figure: Figure) -> Labels:
     assert run.record is not None  # noqa: S101 - of runs with figures
     record = run.record
-    return {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": one.name}
+    return {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}

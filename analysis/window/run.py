@@ -42,9 +42,9 @@ class Asked:
     def gate(self) -> Gate:
         """Return who may look. Raises UseError where everybody could, and FileError for what is no token."""
         if not is_loopback(self.listen) and self.token is None:
-            what = f"{self.listen} can be reached by other computers"
+            problem = f"{self.listen} can be reached by other computers"
             remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
-            raise UseError("--listen", what, remedy)
+            raise UseError("--listen", problem, remedy)
         return Gate.of([self.listen, *self.names], token_of(self.token) if self.token else None)
 
 
@@ -73,7 +73,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen
         say(f"http://{where}:{sock.getsockname()[1]}{' with control' if controls else ''}; Ctrl-C ends it")
-        there = "" if shelf.directory.is_dir() else ", which is not there yet"
+        remark = "" if shelf.directory.is_dir() else ", which is not there yet"
         cell = rig.name if rig else "the only cell that rigd serves"
-        say(f"showing {cell}, and the runs in {shelf.directory}{there}")
+        say(f"showing {cell}, and the runs in {shelf.directory}{remark}")
         serve(app_of(Window(watcher, shelf, place, made, gate, controls)), sock, watcher.board.end)

@@ -36,10 +36,14 @@ class Bounded(H11Protocol):
         self._slow: asyncio.TimerHandle | None = None
         self._head: asyncio.TimerHandle | None = self.loop.call_later(HEAD_S, transport.abort)
         self._since_s = self.loop.time()
-        there = [one for one in self.connections if isinstance(one, Bounded) and not one.transport.is_closing()]
-        if len(there) > MOST_CONNECTIONS:
-            silent = [one for one in there if one is not self and one.is_silent]
-            min(silent, key=lambda one: one._since_s, default=self).transport.abort()
+        open_ones = [
+            connection
+            for connection in self.connections
+            if isinstance(connection, Bounded) and not connection.transport.is_closing()
+        ]
+        if len(open_ones) > MOST_CONNECTIONS:
+            silent = [connection for connection in open_ones if connection is not self and connection.is_silent]
+            min(silent, key=lambda connection: connection._since_s, default=self).transport.abort()
 
     @property
     def is_silent(self) -> bool:
@@ -95,8 +99,8 @@ def listening(address: str, port: int) -> socket.socket:
         sock.listen(MOST_CONNECTIONS)
     except (OSError, OverflowError) as error:
         sock.close()
-        what = f"cannot be listened on: {getattr(error, 'strerror', None) or error}"
-        raise CellError(f"{address}:{port}", what, "give another --port, or end the program that has it") from None
+        problem = f"cannot be listened on: {getattr(error, 'strerror', None) or error}"
+        raise CellError(f"{address}:{port}", problem, "give another --port, or end the program that has it") from None
     return sock
 
 

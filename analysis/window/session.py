@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import Correction, Expected, PathError, Session, Verified
+from analysis.session.state import Correction, PathError, Session, Verified
 from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
@@ -32,8 +32,8 @@ def summary(session: Session) -> dict[str, Any]:
         "accuracy": (session.judged or answer).accuracy if answer and not session.is_corrected else "",
         "runs": answer.runs if answer else 0,
         "parts": [
-            {"part": f"{one.part} {one.size}".strip(), "share": one.share, "um": one.um, "fault": one.fault}
-            for one in (answer.parts if answer else ())
+            {"part": f"{part.part} {part.size}".strip(), "share": part.share, "um": part.um, "fault": part.fault}
+            for part in (answer.parts if answer else ())
         ],
         "remedies": list(session.to_do),
         "correction": next(correction_lines(correction, verified)) if correction else "",
@@ -66,17 +66,18 @@ def _next(session: Session) -> dict[str, Any]:
 
 def _before_after(verified: Verified, correction: Correction | None) -> Iterator[dict[str, Any]]:
     """Yield the error before and after, and what was expected, at each place that was driven."""
-    same, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
+    at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
     for where, before, after, expected in (
-        ("same", verified.same_before, verified.same_after, same),
+        ("same", verified.same_before, verified.same_after, at_place),
         ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere),
     ):
         if before:
-            yield {"where": where, "before": _error(before), "after": _error(after), "expected": _expected(expected)}
-
-
-def _expected(expected: Expected | None) -> dict[str, float] | None:
-    return {"um": expected.um, "u_um": expected.u_um} if expected else None
+            yield {
+                "where": where,
+                "before": _error(before),
+                "after": _error(after),
+                "expected": ({"um": expected.um, "u_um": expected.u_um} if expected else None),
+            }
 
 
 def _error(error: PathError | None) -> dict[str, float] | None:

@@ -58,13 +58,13 @@ class Shown:
     @property
     def leading(self) -> tuple[Figure, ...]:
         """The figures by which runs are compared."""
-        return tuple(one for one in self.figures if one.name in LEADING)
+        return tuple(figure for figure in self.figures if figure.name in LEADING)
 
     @property
     def standing(self) -> Standing | None:
         """The worst standing of its figures, None without limits."""
-        found = {one.standing for one in self.figures}
-        return next((one for one in _WORST if one in found), None)
+        standings = {one.standing for one in self.figures}
+        return next((worst for worst in _WORST if worst in standings), None)
 
 
 class Shelf:
@@ -75,14 +75,14 @@ class Shelf:
 
     def runs(self, words: str = "") -> tuple[list[Shown], int]:
         """Return the newest runs that have each of these words in name, test, state or rig, and how many there are."""
-        wanted = words.lower().split()
+        searched = words.lower().split()
         try:
-            found = [run for run in survey(self.directory) if all(word in _text(run) for word in wanted)]
+            matching = [run for run in survey(self.directory) if all(word in _text(run) for word in searched)]
         except FileError:  # the first recording makes it
             return [], 0
-        found.sort(key=lambda run: run.ended_s, reverse=True)
+        matching.sort(key=lambda run: run.ended_s, reverse=True)
         records = self._records()
-        return [_shown(run, records.get(run.path.name)) for run in found[:MOST_SHOWN]], len(found)
+        return [_shown(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
 
     def run(self, name: str) -> Shown:
         """Return a run by its name. Raises FileError where there is none."""
@@ -97,7 +97,7 @@ class Shelf:
 
     def robots(self) -> list[str]:
         """Return the names of the rigs that have runs here."""
-        return sorted({str(one.about["rig"]) for one in self.runs()[0] if one.about["rig"]})
+        return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 
     def _records(self) -> Mapping[str, Record]:
         """What the history knows; where nothing can be read, nothing."""
@@ -121,8 +121,8 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
     judged = []
     for name in in_order(figures):
         limit = limits.of(record.test, name) if record else None
-        one = figures[name]
-        judged.append(Figure(name, one, limit, limit.standing(one.value, one.u) if limit else None))
+        value = figures[name]
+        judged.append(Figure(name, value, limit, limit.standing(value.value, value.u) if limit else None))
     return Shown(run.path.name, run.path, row(run, time.time()), record, tuple(judged))
 
 

@@ -16,7 +16,7 @@ WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
 
 def main() -> None:
     """Write the table of a run (first argument) to a file (second), in the format that its suffix names."""
-    run, file = (Path(one) for one in sys.argv[1:3])
+    run, file = (Path(argument) for argument in sys.argv[1:3])
     try:
         table = load_measured(run).to_table()
         write: Writer = partial(WRITERS[file.suffix[1:]], table)

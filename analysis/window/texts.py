@@ -16,15 +16,15 @@ NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어
 def texts_of(language: Language) -> dict[str, str]:
     """Return the texts of a language by key."""
     file = resources.files("analysis") / "templates" / "window" / f"texts.{language}.yaml"
-    found: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return found
+    words: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return words
 
 
 def language_of(chosen: str, accepted: str) -> Language:
     """Return the language that a person has chosen, else the first of those that the browser accepts (RFC 9110,
     12.5.4, in their order), else English."""
-    for one in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
+    for tag in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
         for language in LANGUAGES:
-            if one.lower().partition("-")[0] == language:
+            if tag.lower().partition("-")[0] == language:
                 return language
     return "en"

@@ -42,15 +42,15 @@ class BudgetTable:
     zero: float
 
 
-def budget_table(found: Diagnosis, texts: Texts) -> BudgetTable | None:
+def budget_table(diagnosis: Diagnosis, texts: Texts) -> BudgetTable | None:
     """The table of the budget of a diagnosis; None where it has none. The shares that are shown add up to 100 %."""
-    if not found.budget:
+    if not diagnosis.budget:
         return None
-    large, small = shown_parts(found)
-    shares = [one.share for one in large] + ([sum(one.share for one in small)] if small else [])
+    large, small = shown_parts(diagnosis)
+    shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
     low, high = min(0.0, *shares), max(0.0, *shares)
     span = high - low or 1.0
-    words, rows = AnswerWords(found, texts), []
+    words, rows = AnswerWords(diagnosis, texts), []
     for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
         start, width = 100 * (min(share, 0.0) - low) / span, 100 * abs(share) / span
         shown = f"{tenths / 10:.1f} %".replace("-", "−")
@@ -58,7 +58,7 @@ def budget_table(found: Diagnosis, texts: Texts) -> BudgetTable | None:
             rows.append(_row(large[k], words, shown, start, width))
         else:
             rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, start, width, "", "", ""))
-    return BudgetTable(tuple(rows), any(one.share < 0 for one in large), -100 * low / span)
+    return BudgetTable(tuple(rows), any(part.share < 0 for part in large), -100 * low / span)
 
 
 def _row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: float) -> BudgetRow:
@@ -80,9 +80,9 @@ def _row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: 
 def _tenths(shares: Sequence[float]) -> list[int]:
     """Shares that add up to 1 in whole tenths of a percent that add up to 1000: what rounding leaves goes to those that
     lost most by it."""
-    exact = [_TENTHS * one for one in shares]
-    whole = [math.floor(one) for one in exact]
-    left = _TENTHS - sum(whole)
-    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:left]:
+    exact = [_TENTHS * share for share in shares]
+    whole = [math.floor(tenths) for tenths in exact]
+    lost = _TENTHS - sum(whole)
+    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:lost]:
         whole[k] += 1
     return whole

@@ -103,7 +103,7 @@ class Chart:
     def reach(self) -> tuple[float, float]:
         """From where to where the values of all steps go, with some room."""
         every = [line.y if line.steps is None else line.steps for line in self.lines]
-        low, high = min(float(one.min()) for one in every), max(float(one.max()) for one in every)
+        low, high = min(float(values.min()) for values in every), max(float(values.max()) for values in every)
         room = 0.06 * max(high - low, 1e-9)
         return low - room, high + room
 

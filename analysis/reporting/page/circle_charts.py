@@ -23,7 +23,7 @@ _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     """The error of the angle and of the distance, along the circle and around it."""
     test = group[0].test
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
+    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     charts = []
     for frame in _FRAMES:
         for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
@@ -37,7 +37,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 def _curves(group: Sequence[Result], direction: str) -> list[CircleCurve]:
     """The curves of all runs of a direction."""
-    curves = [one.curve for one in group if one.measured.run.manifest.direction == direction]
+    curves = [result.curve for result in group if result.measured.run.manifest.direction == direction]
     return [curve for curve in curves if isinstance(curve, CircleCurve)]
 
 
@@ -51,10 +51,10 @@ def _line(group: Sequence[Result], direction: Role, part: str, texts: Texts) -> 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     """Each joint's angle over the circle, less its mean, from the first run's own feedback."""
-    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals], texts)
-    found = next(one.found for one in group if isinstance(one.found, CircleResult))
+    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
+    circle = next(result.found for result in group if isinstance(result.found, CircleResult))
     robot = group[0].measured.rig.robot
-    lap = found.laps.first
+    lap = circle.laps.first
     order = np.argsort(lap.phi % (2 * np.pi))
     phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
     at_deg = np.arange(0.0, 360.0, _EACH_DEG)
@@ -64,7 +64,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
         if not whole_turn:  # a joint that goes round with the circle would hide the others
             curve = np.interp(at_deg, phi_deg, q[:, axis])
             lines.append(Line(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
-            at = [one.phi_deg for one in group[0].reversals if one.joint == axis + 1]
+            at = [reversal.phi_deg for reversal in group[0].reversals if reversal.joint == axis + 1]
             squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
     if squares:
         phi, angle_deg = np.array(squares).T

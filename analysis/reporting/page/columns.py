@@ -27,7 +27,10 @@ class Column:
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
     """The columns of the runs of one test."""
-    return [Column(title_of(one, texts), _note(one, texts), one.figures, one.sd) for one in figure_columns(group)]
+    return [
+        Column(title_of(column, texts), _note(column, texts), column.figures, column.sd)
+        for column in figure_columns(group)
+    ]
 
 
 def title_of(column: FigureColumn, texts: Texts) -> str:

@@ -29,67 +29,69 @@ class Finding:
     sure: str
 
 
-def findings_of(found: Diagnosis, texts: Texts) -> list[Finding]:
+def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
     """The faults of a diagnosis, the one that makes most of the error first."""
-    return [_finding(found, one, texts) for one in sorted(found.standing, key=lambda one: -one.worth_um)]
+    return [
+        _finding(diagnosis, named, texts) for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um)
+    ]
 
 
-def _finding(found: Diagnosis, one: Named, texts: Texts) -> Finding:
-    words = AnswerWords(found, texts)
-    rivals = " · ".join(_said(words, rival.effect, rival) for rival in likely_rivals(one))
-    twins = texts("and").join(words.noun(twin) for twin in one.twins)
+def _finding(diagnosis: Diagnosis, named: Named, texts: Texts) -> Finding:
+    words = AnswerWords(diagnosis, texts)
+    rivals = " · ".join(_said(words, rival.effect, rival) for rival in likely_rivals(named))
+    twins = texts("and").join(words.noun(twin) for twin in named.twins)
     others = [texts("rivals", others=rivals)] if rivals else []
     others += [texts("twins", others=twins)] if twins else []
     return Finding(
-        what=_said(words, one.effect, one),
-        where=_where(found, one, texts),
-        share=_share(found, one, texts),
+        what=_said(words, named.effect, named),
+        where=_where(diagnosis, named, texts),
+        share=_share(diagnosis, named, texts),
         others=tuple(others),
-        sure=texts("sure", share=sure(one.posterior)),
+        sure=texts("sure", share=sure(named.posterior)),
     )
 
 
-def _said(words: AnswerWords, effect: Effect, one: Named | Rival) -> str:
+def _said(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
     """The sentence of an effect; one for which the language has none is said as what it is called, and its size."""
     template = words.texts.effects.get(effect.effect)
     if template is None:
         noun = words.noun(effect)
-        return f"{noun[:1].upper()}{noun[1:]}: {size(one)}."
+        return f"{noun[:1].upper()}{noun[1:]}: {size(named)}."
     axis = getattr(effect, "axis", None)
-    joint = words.texts.axis(words.found.rig.robot, axis) if axis else ""
-    said = template.format(**fields_of(effect) | {"size": size(one), "joint": joint})
-    return f"{said[:1].upper()}{said[1:]}"
+    joint = words.texts.axis(words.diagnosis.rig.robot, axis) if axis else ""
+    sentence = template.format(**fields_of(effect) | {"size": size(named), "joint": joint})
+    return f"{sentence[:1].upper()}{sentence[1:]}"
 
 
-def _where(found: Diagnosis, one: Named, texts: Texts) -> str:
+def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
     """At which places of the circle the fault's joint turns back and the readings disagree."""
-    axis = getattr(one.effect, "axis", None)
-    places = [place for place in found.where if axis is not None and place.joint == axis and place.test in CIRCLES]
+    axis = getattr(named.effect, "axis", None)
+    places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
     if not places:
         return ""
     middles: list[float] = []
     for place in sorted(places, key=lambda place: -place.sigma):
         middle = (place.from_deg + ((place.to_deg - place.from_deg) % 360.0) / 2) % 360.0
-        if all(abs((middle - other + 180.0) % 360.0 - 180.0) > _SAME_DEG for other in middles):
+        if all(abs((middle - known_deg + 180.0) % 360.0 - 180.0) > _SAME_DEG for known_deg in middles):
             middles.append(middle)
     listed = texts("and").join(f"{middle:.0f}°" for middle in sorted(middles))
     return texts("where", places=listed)
 
 
-def _share(found: Diagnosis, one: Named, texts: Texts) -> str:
+def _share(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
     """What a fault makes of the error; empty where that is not known."""
-    part = part_of(found, one)
+    part = part_of(diagnosis, named)
     if part is None or not math.isfinite(part.um):
         return ""
     return texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
 
 
-def diagnosis_words(found: Diagnosis) -> str:
+def diagnosis_words(diagnosis: Diagnosis) -> str:
     """What remains unexplained, what these tests cannot distinguish, and which test to run next, in the diagnosis' own
     words."""
-    remainder = found.remainder
+    remainder = diagnosis.remainder
     lines = [f"Unexplained: {micrometres(remainder.um)}, {remainder.words}."]
-    lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in found.groups[:_MOST_GROUPS]]
-    if found.next_test:
-        lines.append(f"Next test: {found.next_test.test}, {found.next_test.why}.")
+    lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in diagnosis.groups[:_MOST_GROUPS]]
+    if diagnosis.next_test:
+        lines.append(f"Next test: {diagnosis.next_test.test}, {diagnosis.next_test.why}.")
     return " ".join(lines)

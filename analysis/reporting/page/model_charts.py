@@ -30,7 +30,7 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
     charts, ticks = [], _ticks(group[0])
-    for title in dict.fromkeys(one.result.title for one in before):
+    for title in dict.fromkeys(comparison.result.title for comparison in before):
         x, measured, simulated = _means(before, title)
         unit, factor = _IN_PICTURE[before[0].unit]
         lines = [Line(texts("measured"), "measured", x, factor * measured, points=before[0].unit == "mm")]
@@ -61,27 +61,34 @@ def _ticks(result: Result) -> tuple[tuple[float, str], ...]:
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
     """The comparisons of the runs of a group."""
     paths = {result.measured.path for result in group}
-    return [one for one in compared.runs if one.result.measured.path in paths] if compared else []
+    return [comparison for comparison in compared.runs if comparison.result.measured.path in paths] if compared else []
 
 
 def _means(runs: Sequence[Comparison], title: str) -> tuple[Array, Array, Array]:
     """Positions (n,), measured and simulated curve (n,): the mean over the runs that have the places of the first."""
-    own = [one for one in runs if one.result.title == title]
-    alike = [one for one in own if np.array_equal(one.x, own[0].x)]
-    measured = np.mean([one.measured_curve for one in alike], axis=0)
-    simulated = np.mean([one.simulated_curve for one in alike], axis=0)
-    return own[0].x, measured, simulated
+    of_title = [comparison for comparison in runs if comparison.result.title == title]
+    alike = [comparison for comparison in of_title if np.array_equal(comparison.x, of_title[0].x)]
+    measured = np.mean([comparison.measured_curve for comparison in alike], axis=0)
+    simulated = np.mean([comparison.simulated_curve for comparison in alike], axis=0)
+    return of_title[0].x, measured, simulated
 
 
-def diagnosis_charts(found: Diagnosis, texts: Texts) -> list[Chart]:
+def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
     """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
-    stairs = stairs_of(found, texts)
-    strands, _ = strands_of(found)
+    stairs = stairs_of(diagnosis, texts)
+    strands, _ = strands_of(diagnosis)
     charts = [_of_circle(strand, texts) for strand in strands]
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
-    steps = found.staircase.maps if found.staircase else [np.array([one.before_um]) for one in found.maps]
-    return [*charts, *(_of_targets(*both, texts) for both in list(zip(found.maps, steps, strict=True))[:_MOST_MAPS])]
+    steps = (
+        diagnosis.staircase.maps
+        if diagnosis.staircase
+        else [np.array([target_map.before_um]) for target_map in diagnosis.maps]
+    )
+    return [
+        *charts,
+        *(_of_targets(*both, texts) for both in list(zip(diagnosis.maps, steps, strict=True))[:_MOST_MAPS]),
+    ]
 
 
 def _of_circle(strand: Strand, texts: Texts) -> Chart:
@@ -100,10 +107,10 @@ def _of_circle(strand: Strand, texts: Texts) -> Chart:
     )  # fmt: skip
 
 
-def _of_targets(one: Map, steps_um: Array, texts: Texts) -> Chart:
-    x = np.arange(1.0, len(one.before_um) + 1)
+def _of_targets(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
+    x = np.arange(1.0, len(target_map.before_um) + 1)
     lines = [Line(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:
         lines.append(Line(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
-    title, y_label = texts("chart_gap", what=one.test), f"{texts('gap')} / µm"
+    title, y_label = texts("chart_gap", what=target_map.test), f"{texts('gap')} / µm"
     return Chart(title, texts("caption_gap_targets"), "targets", texts("reading_number"), y_label, "µm", tuple(lines))

@@ -44,7 +44,7 @@ def gather(
     rig: Rig | None = None,
     *,
     diagnosed: bool = True,
-    found: Diagnosis | None = None,
+    diagnosis: Diagnosis | None = None,
     left_out: Sequence[RigError] = (),
     after: BeforeAfter | None = None,
     progress: Callable[[str], None],
@@ -59,32 +59,32 @@ def gather(
     model = rig if rig is not None else runs[0].rig
     _hold_one_robot(runs, model)
     undiagnosed = ""
-    if found is None and diagnosed:
+    if diagnosis is None and diagnosed:
         try:
-            found = diagnose(runs, rig=model, progress=progress)
+            diagnosis = diagnose(runs, rig=model, progress=progress)
         except RigError as error:
             undiagnosed = str(error)
     progress("simulating the runs")
     simulated, corrected = _compared(results, model), None
-    if found is not None and found.calibrated is not None:
-        corrected = _compared(results, _calibrated_rig(found, found.calibrated))
-    return Report(model, tuple(results), simulated, corrected, found, undiagnosed, tuple(map(str, left_out)), after)
+    if diagnosis is not None and diagnosis.calibrated is not None:
+        corrected = _compared(results, _calibrated_rig(diagnosis, diagnosis.calibrated))
+    return Report(model, tuple(results), simulated, corrected, diagnosis, undiagnosed, tuple(map(str, left_out)), after)
 
 
-def _calibrated_rig(found: Diagnosis, content: CalibratedModel) -> Rig:
+def _calibrated_rig(diagnosis: Diagnosis, content: CalibratedModel) -> Rig:
     """The rig with everything that a diagnosis found: the faults by name, and the rest as its calibration."""
-    return found.extended_rig.with_calibration(calibration_file("found.calibration.json", content.content), content)
+    return diagnosis.extended_rig.with_calibration(calibration_file("found.calibration.json", content.content), content)
 
 
 def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:
     """Two robots of one type differ in the names of their rigs; the model may have a rig file of its own."""
     for run in runs:
         if run.rig.robot.name != model.robot.name:
-            what = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
-            raise FileError(str(run.path), what, "make a report for each robot")
+            problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
+            raise FileError(str(run.path), problem, "make a report for each robot")
         if run.rig.name != runs[0].rig.name:
-            what = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
-            raise FileError(str(run.path), what, "make a report for each robot")
+            problem = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
+            raise FileError(str(run.path), problem, "make a report for each robot")
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:

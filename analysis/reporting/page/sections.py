@@ -77,7 +77,9 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
     test = group[0].test
     circle = isinstance(group[0].found, CircleResult)
     drawn = group[:_MOST_DRAWN]
-    own = circle_charts(group, texts) if circle else [one for result in drawn for one in target_charts(result, texts)]
+    charts = (
+        circle_charts(group, texts) if circle else [chart for result in drawn for chart in target_charts(result, texts)]
+    )
     columns = columns_of(group, texts)
     place = group[0].measured.run.manifest.placement
     return Section(
@@ -90,7 +92,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
         remarks=_remarks(group),
         doubts=_doubts(group),
         reversals=_reversals(group[0], texts) if circle else (),
-        pictures=(*own, *simulated_charts(report, group, texts), *joints),
+        pictures=(*charts, *simulated_charts(report, group, texts), *joints),
     )
 
 
@@ -109,21 +111,24 @@ def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
 
 def _remarks(group: Sequence[Result]) -> tuple[str, ...]:
     """What u means here, and what was seen of lags and pairs."""
-    lines = [what_u_is(group, [one for one in pooled(group) if one.figures]), *lag_in_words(pairs_of(group), group)]
+    lines = [
+        what_u_is(group, [means for means in pooled(group) if means.figures]),
+        *lag_in_words(pairs_of(group), group),
+    ]
     lines += eccentricities_in_words(group)
     return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
 
 
 def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
     """What limits the trust in the figures, with the runs that it is of; each doubt once."""
-    said: dict[str, list[str]] = {}
+    runs_of_doubt: dict[str, list[str]] = {}
     for result in group:
         for doubt in result.doubts:
-            said.setdefault(doubt, []).append(result.name)
-    for one in pooled(group):
-        for result, why in one.left_out:
-            said.setdefault(why, []).append(result.name)
-    return tuple(f"{', '.join(names)}: {doubt}" for doubt, names in said.items())
+            runs_of_doubt.setdefault(doubt, []).append(result.name)
+    for means in pooled(group):
+        for result, why in means.left_out:
+            runs_of_doubt.setdefault(why, []).append(result.name)
+    return tuple(f"{', '.join(names)}: {doubt}" for doubt, names in runs_of_doubt.items())
 
 
 def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
@@ -132,8 +137,12 @@ def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
         return ()
     rows = []
     for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
-        same = [one for one in result.reversals if (one.joint, one.upper) == (turn.axis, turn.upper)]
-        away = {one.phi_deg: abs(np.degrees(apart(turn.phi, np.radians(one.phi_deg)))) for one in same}
+        candidates = [
+            reversal for reversal in result.reversals if (reversal.joint, reversal.upper) == (turn.axis, turn.upper)
+        ]
+        away = {
+            reversal.phi_deg: abs(np.degrees(apart(turn.phi, np.radians(reversal.phi_deg)))) for reversal in candidates
+        }
         near = min(away, key=lambda phi: away[phi], default=None)
         nominal = f"{near:.1f}°" if near is not None and away[near] < _NOMINAL_DEG else ""
         rows.append(

@@ -28,14 +28,14 @@ class StepTable:
     rows: tuple[StepRow, ...]
 
 
-def step_table(found: Diagnosis, texts: Texts) -> StepTable | None:
+def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
     """The table of the staircase of a diagnosis; None where it has none."""
-    stairs = stairs_of(found, texts)
+    stairs = stairs_of(diagnosis, texts)
     if stairs is None:
         return None
     rows = []
     for number, step in enumerate(stairs.steps):
-        widths = tuple(100 * left.um / stairs.largest_um for left in step.left)
+        widths = tuple(100 * residue.um / stairs.largest_um for residue in step.left)
         sentence = texts("step_now", number=number, count=len(stairs.steps) - 1, name=step.name)
         rows.append(StepRow(step.name, tuple(map(left_words, step.left)), widths, sentence))
     return StepTable(tuple(texts(f"runs_{place}") for place in stairs.places), tuple(rows))

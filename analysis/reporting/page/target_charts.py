@@ -25,9 +25,13 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
         case RepeatabilityCurve() as curve:
             return [_repeatability(result, curve, texts)]
         case PoseCurve() as curve:
-            return [*_cube(result, texts), _poses(result, curve, texts)]
+            view = cube_view(result)
+            return [
+                *([] if view is None else [_plane(view, "chart_cube", texts, points=True)]),
+                _poses(result, curve, texts),
+            ]
         case PathCurve() as curve:
-            return [_paths(curve, texts), _along(curve, texts)]
+            return [_plane(path_view(curve), "chart_paths", texts, points=False), _along(curve, texts)]
     return []
 
 
@@ -83,8 +87,8 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
     away_um = 1e3 * (curve.reading_mm - middle[place])
     lines = []
     for side, aside, role in (("out", -0.12, "acw"), ("in", 0.12, "cw")):
-        here = curve.approach == side
-        lines.append(Line(texts(f"from_{side}"), role, place[here] + aside, away_um[here], points=True))  # type: ignore[arg-type]
+        on_side = curve.approach == side
+        lines.append(Line(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
     y_label = f"{texts('reading')} / µm"
     caption = texts("caption_repeatability")
@@ -97,15 +101,6 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     y_label = f"{texts('error_position')} / mm"
     return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))
-
-
-def _cube(result: Result, texts: Texts) -> list[Chart]:
-    view = cube_view(result)
-    return [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
-
-
-def _paths(curve: PathCurve, texts: Texts) -> Chart:
-    return _plane(path_view(curve), "chart_paths", texts, points=False)
 
 
 def _plane(view: PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
@@ -122,7 +117,7 @@ def _along(curve: PathCurve, texts: Texts) -> Chart:
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     lines = []
     for name, role in zip(dict.fromkeys(curve.path.tolist()), roles, strict=False):
-        own = curve.path == name
-        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[own], 1e3 * curve.at_mm[own]))
+        rows = curve.path == name
+        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
     return Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))

@@ -63,7 +63,7 @@ def instruments_of(rig: Rig) -> list[Instrument]:
     """The gauges of a rig, its ball and its link."""
     parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
     others = (("ball", rig.ball), ("link", rig.link))
-    return parts + [_instrument(name, "", one, None) for name, one in others if one is not None]
+    return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
 
 
 def _instrument(name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None) -> Instrument:

@@ -43,15 +43,15 @@ class Verdict:
 
     def with_standing(self, standing: Overall) -> list[JudgedFigure]:
         """The figures that stand so."""
-        return [one for one in self.judged if one.standing == standing]
+        return [figure for figure in self.judged if figure.standing == standing]
 
 
-def judge(results: Sequence[Result], limits: Limits, found: Diagnosis | None = None) -> Verdict:
+def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> Verdict:
     """The verdict on runs by the limits of a rig file, or by the tolerance that a diagnosis of them was given."""
     judged = judged_figures(results, limits)
     tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
-    if found is not None and found.accuracy.limit == "tolerance" and found.accuracy.standing is not None:
-        return Verdict(found.accuracy.standing, judged, tests, by_tolerance=True)
+    if diagnosis is not None and diagnosis.accuracy.limit == "tolerance" and diagnosis.accuracy.standing is not None:
+        return Verdict(diagnosis.accuracy.standing, judged, tests, by_tolerance=True)
     return Verdict(judged[0].standing if judged else "unjudged", judged, tests)
 
 
@@ -65,19 +65,19 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
         return texts("why_pass", count=len(verdict.judged))
     bad = verdict.with_standing(verdict.overall)
     worst = [
-        texts("bad_figure", figure=named(one, texts), value=one.figure, limits=_bounds(one, texts))
-        for one in bad[:_MOST_NAMED]
+        texts("bad_figure", figure=named(figure, texts), value=figure.figure, limits=_bounds(figure, texts))
+        for figure in bad[:_MOST_NAMED]
     ]
-    more = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
-    numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *more])}
+    ending = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
+    numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *ending])}
     return texts(f"why_{verdict.overall}", **numbers)
 
 
-def named(one: JudgedFigure, texts: Texts) -> str:
+def named(figure: JudgedFigure, texts: Texts) -> str:
     """What a figure is of, and its label."""
-    title = title_of(one.column, texts)
-    of = texts(f"test_{one.test}") + (f" {title}" if title else "")
-    return f"{of}: {whole_label(one.name, texts.label)}"
+    title = title_of(figure.column, texts)
+    of = texts(f"test_{figure.test}") + (f" {title}" if title else "")
+    return f"{of}: {whole_label(figure.name, texts.label)}"
 
 
 def example_limits(verdict: Verdict) -> str:
@@ -90,12 +90,12 @@ def example_limits(verdict: Verdict) -> str:
     return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None)
 
 
-def _bounds(one: JudgedFigure, texts: Texts) -> str:
+def _bounds(figure: JudgedFigure, texts: Texts) -> str:
     """The limit that a figure fails, or those between which it is, and that its uncertainty reaches over one."""
-    watch = None if one.standing == "fail" else one.limit.watch
-    bounds = (("watch_above", watch), ("fail_above", one.limit.fail))
-    words = [f"{texts(key)} {bound:g} {one.figure.sign}" for key, bound in bounds if bound is not None]
-    return ", ".join([*words, *([texts("not_proven")] if one.straddled else [])])
+    watch = None if figure.standing == "fail" else figure.limit.watch
+    bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
+    words = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
+    return ", ".join([*words, *([texts("not_proven")] if figure.straddled else [])])
 
 
 def rule(texts: Texts) -> str:

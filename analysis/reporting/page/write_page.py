@@ -36,7 +36,7 @@ from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.step_table import step_table
 from analysis.reporting.page.still_chart import still
-from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
+from analysis.reporting.page.trace import instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
 from analysis.reporting.texts import Language, Texts, texts_of
 from rigs.distribution import version
@@ -61,9 +61,11 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found)
+    days = sorted(run.started[:10] for run in runs)
+    span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
     return pages.get_template("report.html").render(
         t=texts,
-        measured_on=_measured_on(runs, texts),
+        measured_on=texts("measured_on", days=span, count=len(runs)),
         heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,
@@ -101,13 +103,6 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     elsewhere = bool(way or (after and after.joined))
     acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
     return [words.sentence(act) for act in acts]
-
-
-def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:
-    """The day or the days of the runs."""
-    days = sorted(run.started[:10] for run in runs)
-    span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
-    return texts("measured_on", days=span, count=len(runs))
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:

@@ -38,7 +38,7 @@ def test_every_condition_has_its_sentences_in_every_language(condition: Conditio
 def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the_error() -> None:
     words = AnswerWords(diagnosis("named"))
     assert words.headline == "One fault was found: play of axis 1 (Theta), 0.0521 ± 0.0011 °, 90 % of the error."
-    assert ActWords(words.found).next == (
+    assert ActWords(words.diagnosis).next == (
         "Inspect and repair what causes the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from "
         "6.1 µm to 2.0 ± 0.2 µm rms on runs that had no part in it."
     )
@@ -51,7 +51,7 @@ def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_conditio
     said = "90 % of the error comes from play of axis 1 (Theta) (0.0521 ± 0.0011 °, 2.0 × usual)."
     undecided = AnswerWords(diagnosis("undecided", effects=(usual,)))
     assert undecided.headline.startswith(said)  # what is certain comes before what is not known
-    assert ActWords(undecided.found).next == "Drive each test 3 times to decide it."
+    assert ActWords(undecided.diagnosis).next == "Drive each test 3 times to decide it."
     assert AnswerWords(diagnosis("nothing_unusual", effects=(usual,))).headline.startswith(said)
     unsure = replace(usual, u_um=3.0)
     assert said not in AnswerWords(diagnosis("undecided", effects=(unsure,))).headline
@@ -77,9 +77,9 @@ def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> N
         "The error is now 6.1 µm rms, at most 21 µm. After a calibration 1.9 µm remain of 6.3 µm rms on runs that had "
         "no part in it."
     )
-    used = replace(words.found.accuracy, place="used")
+    used = replace(words.diagnosis.accuracy, place="used")
     assert "how much elsewhere is not known" in AnswerWords(diagnosis(accuracy=used)).accuracy
-    judged = replace(words.found.accuracy, standing="fail", limit="rig_file")
+    judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
     assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL, by the limits of the rig file."
 
 

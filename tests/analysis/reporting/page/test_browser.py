@@ -50,7 +50,7 @@ def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     steps = [((), 6.1), ((0,), 3.0), ((1, 2), 1.9)]
     staircase = Staircase(tuple(Step(parts, Left(um, 0.2)) for parts, um in steps), curves, maps)
     measured = [load_run(path.parent) for path in sorted(page.parent.glob("yaw*/manifest.json"))]
-    report = gather(evaluate_runs(measured), found=replace(found, staircase=staircase), progress=lambda doing: None)
+    report = gather(evaluate_runs(measured), diagnosis=replace(found, staircase=staircase), progress=lambda doing: None)
     return write_page(report, tmp_path_factory.mktemp("stepped") / "page.html")
 
 
