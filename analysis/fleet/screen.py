@@ -15,7 +15,7 @@ from analysis.fleet.gather import Fleet
 from analysis.fleet.state import ORDER, Attention, State
 from analysis.frames import for_json
 from analysis.reporting.origins import simulated_runs
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 from rigs.text import plain
 
 WORDS: dict[Attention, str] = {

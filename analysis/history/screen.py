@@ -17,7 +17,7 @@ from analysis.history.history import History, Series, judge, label_of
 from analysis.history.words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20

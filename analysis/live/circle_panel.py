@@ -10,10 +10,8 @@ import math
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.canvas import Area
-from analysis.live.colours import ACW_COLOUR, CW_COLOUR, direction_colour
+from analysis.live.canvas import ACW_COLOUR, CW_COLOUR, Area, Dots, direction_colour
 from analysis.live.controls import Controls
-from analysis.live.dots import Dots
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.view import LiveView
 

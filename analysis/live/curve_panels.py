@@ -7,11 +7,9 @@ import math
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.canvas import Area
+from analysis.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots
 from analysis.live.circle_panel import scale_of, unit_of
-from analysis.live.colours import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS
 from analysis.live.controls import Controls
-from analysis.live.dots import Dots
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.view import LiveView
 

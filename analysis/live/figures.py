@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.geometry.ball_link import angle
 from analysis.live.controls import Units
-from analysis.live.joints import moves, speeds
+from analysis.live.lap import moves, speeds
 from analysis.live.sweeps import ErrorCurve
 from analysis.live.view import LiveView
 from rigs.schema.part import CIRCLES

@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from analysis.live.canvas import Area
-from analysis.live.colours import ANGLE_COLOUR, GAUGE_COLOURS, direction_colour
+from analysis.live.canvas import ANGLE_COLOUR, GAUGE_COLOURS, Area, direction_colour, height_of, put_large, width_of
 from analysis.live.controls import Controls, Units
 from analysis.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg
-from analysis.live.large_digits import height_of, put_large, width_of
 from analysis.live.view import LiveView
 
 _STEADY_MM_S = 0.0005

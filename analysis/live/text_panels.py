@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.live.canvas import Area
-from analysis.live.colours import direction_colour
+from analysis.live.canvas import Area, direction_colour
 from analysis.live.controls import KEYS, Controls
 from analysis.live.figures import OLD_S
-from analysis.live.joints import JointReversal, moves, speeds
+from analysis.live.lap import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
 from rigs.schema.condition import CONDITION, condition_words
 from rigs.schema.part import FURTHER

@@ -10,8 +10,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array, Mask
 from analysis.live.cell import Cell
-from analysis.live.joints import JointMotion, JointReversal
-from analysis.live.lap import LapProgress
+from analysis.live.lap import JointMotion, JointReversal, LapProgress
 from analysis.live.rows import NO_ROWS, Rows
 from analysis.live.sweeps import Sweep
 from rigs.schema.part import Direction, TestName

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.paper.rows import Row
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 

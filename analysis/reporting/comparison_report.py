@@ -17,10 +17,10 @@ from analysis.inference.disagreement import Disagreement
 from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.places_table import places_table
+from analysis.reporting.plain_console import whole
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
 from analysis.reporting.stairs import stairs_of_model, stairs_table
-from analysis.reporting.wide_tables import whole
 
 if TYPE_CHECKING:
     from analysis.files.write import Writer

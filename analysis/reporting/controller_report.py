@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.correction.controller_entries import ControllerEntries, NotEntered
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0

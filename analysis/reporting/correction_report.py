@@ -26,7 +26,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of

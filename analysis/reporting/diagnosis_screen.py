@@ -28,9 +28,9 @@ from analysis.reporting.diagnosis_words import (
     with_uncertainty,
 )
 from analysis.reporting.places_table import places_table
+from analysis.reporting.plain_console import whole
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
-from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import label_of, name_of
 
 _COLOUR: dict[Condition, str] = {

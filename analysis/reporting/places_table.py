@@ -10,7 +10,7 @@ from rich.text import Text
 
 from analysis.inference.result import Place
 from analysis.reporting.diagnosis_words import runs_of, stretch
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 
 _MOST_PLACES = 6
 _NUMBERS = ("axis", "µm", "sigma")

@@ -1,4 +1,7 @@
-"""A console for tables and live displays whose text is plain (`rigs.text`) and never markup."""
+"""A console for tables and live displays whose text is plain (`rigs.text`) and never markup.
+
+Tables on a screen that is too narrow for them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
+from rich.table import Table
 from rich.text import Text
 
 from rigs.text import plain_lines
@@ -26,3 +30,10 @@ class PlainConsole(Console):
         """Yield what is shown: text that was given as rich's own `Text` is made plain here."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=plain_lines(segment.text))
+
+
+def whole(table: Table) -> Table:
+    """The same, long words of its cells broken where rich would cut them off and leave an ellipsis."""
+    for column in table.columns:
+        column.overflow = "fold"
+    return table

@@ -25,7 +25,7 @@ from analysis.inference.plan import Detectability, Pair, Plan, SeparatingTest
 from analysis.inference.result import ODDS
 from analysis.inference.state import FAULT
 from analysis.measures.parameters import quantity_of
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
 from rigs.schema.part import CIRCLES, TestName

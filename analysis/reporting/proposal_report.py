@@ -12,8 +12,8 @@ from rich.text import Text
 from analysis.files.write import refuse_existing
 from analysis.inference.plan import Judgement
 from analysis.inference.proposal import SET_UP_MIN, Proposal, ProposedCircle
+from analysis.reporting.plain_console import whole
 from analysis.reporting.plan_report import noise_in_words
-from analysis.reporting.wide_tables import whole
 from rigs.edit import Keys, Value, with_values
 from rigs.rig import Rig
 from rigs.schema.part import CIRCLES

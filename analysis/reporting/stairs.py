@@ -12,8 +12,8 @@ from analysis.inference.result import Diagnosis
 from analysis.inference.staircase import Left, Staircase
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import plain
+from analysis.reporting.plain_console import whole
 from analysis.reporting.texts import Texts, texts_of
-from analysis.reporting.wide_tables import whole
 
 _BAR = 16
 """Letters of the longest bar on the screen."""

@@ -25,7 +25,7 @@ from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.html_page import environment, write_html
-from analysis.reporting.page.budget_table import budget_table
+from analysis.reporting.page.budget_table import budget_table, step_table
 from analysis.reporting.page.chart import Picture
 from analysis.reporting.page.findings import diagnosis_words, findings_of
 from analysis.reporting.page.heading import NO_HEADING, Heading, fields_of
@@ -34,7 +34,6 @@ from analysis.reporting.page.model_charts import diagnosis_charts
 from analysis.reporting.page.pdf import is_pdf, write_pdf
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
-from analysis.reporting.page.step_table import step_table
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence

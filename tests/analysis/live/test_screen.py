@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.segment import Segment
 
-from analysis.live.canvas import Canvas
+from analysis.live.canvas import Canvas, height_of, put_large, width_of
 from analysis.live.controls import UNITS, Controls, label_of
-from analysis.live.large_digits import height_of, put_large, width_of
 from analysis.live.screen import screen
 from analysis.live.view import LiveView, Played, Reading
 from analysis.reporting.plain_console import PlainConsole

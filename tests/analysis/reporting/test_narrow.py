@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.reporting.daemon_screen import screen
-from analysis.reporting.wide_tables import whole
+from analysis.reporting.plain_console import whole
 
 STREAM = {"connected": True, "rate_hz": 53.5, "last": {}, "age_s": {}, "counters": {"samples": 1333}, "last_fault": ""}
 STATE = {
