@@ -96,7 +96,25 @@ def _judged(table: Table, rig: Rig) -> _Verdict:
     if cannot_tell(table, rig):
         return None, 0.0, []
     if not isinstance(table, PoseTable):
-        return _on_path(table, rig)
+        # Of a circle or of targets: which meaning puts the tool on the path that the rig file states.
+        arm = arm_of(rig.robot)
+        rows = slice(None, None, max(1, len(table.q) // _ROWS))
+        part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+
+        def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
+            path = off_path(forward(arm, read(part.q)), part, rig)
+            return (0.0, True) if path is None else (path.off_mm, path.on)
+
+        as_labelled, is_on = off(lambda q: q)
+        if is_on:
+            return None, as_labelled, []
+        judged = [
+            _Judged(meaning, off_mm, len(part.q))
+            for meaning in meanings(arm.axes)
+            for off_mm, on in [off(meaning.of)]
+            if on
+        ]
+        return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
     bare = without_setup(arm_of(rig.robot))
     verdict = _of_misfits(table, bare, with_turns=False)
     return verdict if verdict[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
@@ -160,28 +178,6 @@ def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:
     arm = Rotation.from_matrix(T[:, :3, :3])
     tool = (arm[kept].inv() * seen[kept]).mean()
     return np.asarray((seen * (arm * tool).inv()).magnitude())
-
-
-def _on_path(table: Table, rig: Rig) -> _Verdict:
-    """As `_judged`, of a circle or of targets: which meaning puts the tool on the path that the rig file states."""
-    arm = arm_of(rig.robot)
-    rows = slice(None, None, max(1, len(table.q) // _ROWS))
-    part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
-
-    def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
-        off = off_path(forward(arm, read(part.q)), part, rig)
-        return (0.0, True) if off is None else (off.off_mm, off.on)
-
-    as_labelled, is_on = off(lambda q: q)
-    if is_on:
-        return None, as_labelled, []
-    judged = [
-        _Judged(meaning, off_mm, len(part.q))
-        for meaning in meanings(arm.axes)
-        for off_mm, on in [off(meaning.of)]
-        if on
-    ]
-    return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
 
 
 def _row_wise(table: Table) -> list[str]:

@@ -44,20 +44,16 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
         case TouchTable():
             return _off_sockets(T, table.socket)
         case PoseTable():
-            return _off_track(T[:, :3, 3], table.xyz_mm)
+            rows = far_rows(table.xyz_mm)
+            size = float(np.median(steps(table.xyz_mm, rows)))
+            if size <= 0:
+                return None
+            off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(table.xyz_mm, rows))))
+            return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
         case CircleTable():
             return _off_circle(T, circle) if circle else None
         case RadialTable() | RepeatabilityTable():
             return _off_targets(T[:, :3, 3], table, hemisphere) if hemisphere else None
-
-
-def _off_track(places: Array, seen: Array) -> Off | None:
-    rows = far_rows(seen)
-    size = float(np.median(steps(seen, rows)))
-    if size <= 0:
-        return None
-    off_mm = float(np.median(np.abs(steps(places, rows) - steps(seen, rows))))
-    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
 
 
 def _off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.correction.controllers import CONTROLLERS, ConstantParameter, Controller
+from analysis.correction.controllers import CONTROLLERS, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import displacements, frame_u_mm, pose_uncertainty, position_u_mm
@@ -184,17 +184,13 @@ def _coupled_axes(rig: Rig) -> set[int]:
     return {int(k) + 1 for k in np.flatnonzero(np.abs(coupling).sum(axis=0) + np.abs(coupling).sum(axis=1))}
 
 
-def _parameter(controller: Controller, constant: Constant) -> ConstantParameter:
-    return next(each for each in controller.constants if each.key == constant.key and constant.axis in each.axes)
-
-
 def _entry(
     rig: Rig, controller: Controller, scale: Sequence[float] | None, one: Constant, value: float, u: float, worth: float
 ) -> Entry:
     """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
     reading_deg, now = 0.0, None
     if one.key != "q_deg":
-        parameter = _parameter(controller, one)
+        parameter = next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
         name, unit, per_unit = parameter.of(one.axis), parameter.unit, parameter.per_unit
         if parameter.by_size:
             nominal = float(getattr(rig.robot.axes[one.axis - 1], one.key))

@@ -81,7 +81,41 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected, but for
     those that have no angles, that stand beyond limits or at a singularity."""
     angles, done, skipped = corrected_angles(rig, supported, q, unsolved)
-    return _stated(rig, supported, pose_uncertainty(rig, supported), q, angles, done, skipped)
+    uncertainty = pose_uncertainty(rig, supported)
+    uncorrected, arm = rest_effects(rig, supported), arm_of(rig.robot)
+
+    def spread(values: Array) -> Array:
+        """Return values of the corrected targets (m, …) at their places among all (n, …), NaN elsewhere."""
+        everywhere = np.full((len(q), *values.shape[1:]), np.nan)
+        everywhere[done] = values
+        return everywhere
+
+    at = angles[done]
+    inside = covered(uncertainty, at)
+    left_out = left_out_mm(rig, uncorrected, at)
+    stays_mm = np.linalg.norm(left_out, axis=1)
+    taught = at if inside is None else at[inside]
+    if len(taught) < _FEWEST_TAUGHT:
+        taught = work_or_spread(rig, uncertainty.joints_rad)
+    before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
+    marks = None
+    if inside is not None:
+        marks = np.zeros(len(q), dtype=bool)
+        marks[done] = inside
+    distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
+    return Corrected(
+        angles,
+        forward(arm, angles),
+        spread(distance),
+        tuple(map(label_of, uncorrected)),
+        spread(left_out),
+        spread(np.hypot(position_u_mm(uncertainty, at), stays_mm)),
+        spread(np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm)),
+        marks,
+        tuple(_doubts(rig, uncertainty, at)),
+        done,
+        tuple(skipped),
+    )
 
 
 def corrected_angles(
@@ -104,52 +138,6 @@ def corrected_angles(
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles[~done] = q[~done]
     return angles, done, [skipped[k] for k in sorted(skipped)]
-
-
-def _stated(
-    rig: Rig,
-    supported: Sequence[Support],
-    uncertainty: PoseUncertainty,
-    q: Array,
-    angles: Array,
-    done: Mask,
-    skipped: Sequence[NotCorrected],
-) -> Corrected:
-    """Return targets at nominal angles q (n, 6) rad with their corrected `angles` (n, 6) rad, where `done` (n,), and
-    what is known of them."""
-    uncorrected, arm = rest_effects(rig, supported), arm_of(rig.robot)
-
-    def spread(values: Array) -> Array:
-        """Return values of the corrected targets (m, …) at their places among all (n, …), NaN elsewhere."""
-        everywhere = np.full((len(q), *values.shape[1:]), np.nan)
-        everywhere[done] = values
-        return everywhere
-
-    at = angles[done]
-    inside = covered(uncertainty, at)
-    left_out = left_out_mm(rig, uncorrected, at)
-    stays_mm = np.linalg.norm(left_out, axis=1)
-    taught = at if inside is None else at[inside]
-    if len(taught) < _FEWEST_TAUGHT:
-        taught = work_or_spread(rig, uncertainty.joints_rad)
-    before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
-    marks = None
-    if inside is not None:
-        marks = np.zeros(len(q), dtype=bool)
-        marks[done] = inside
-    return Corrected(
-        angles,
-        forward(arm, angles),
-        spread(_distance(before, forward(arm, q[done]))),
-        tuple(map(label_of, uncorrected)),
-        spread(left_out),
-        spread(np.hypot(position_u_mm(uncertainty, at), stays_mm)),
-        spread(np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm)),
-        marks,
-        tuple(_doubts(rig, uncertainty, at)),
-        done,
-        tuple(skipped),
-    )
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
@@ -215,11 +203,6 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
-
-
-def _distance(T: Array, second: Array) -> Array:
-    distance: Array = np.linalg.norm(T[:, :3, 3] - second[:, :3, 3], axis=1)
-    return distance
 
 
 def _beyond_rail(rig: Rig, q: Array) -> list[NotCorrected]:

@@ -132,7 +132,12 @@ def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "")
     axes = corrected.q.shape[1] - rail
     names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
     values = np.concatenate(
-        [np.degrees(corrected.q[:, :axes]), RAIL_MM * corrected.q[:, axes:], _columns_of(corrected.T)], axis=1
+        [
+            np.degrees(corrected.q[:, :axes]),
+            RAIL_MM * corrected.q[:, axes:],
+            np.concatenate([corrected.T[:, :3, 3], np.degrees(roll_pitch_yaw(corrected.T))], axis=1),
+        ],
+        axis=1,
     )
     values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
     columns |= {
@@ -163,11 +168,6 @@ def _cells(values: Array) -> list[str] | list[float]:
     """Return values (n,) as cells of a column, empty where they are NaN."""
     cells: list[float] = values.tolist()
     return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
-
-
-def _columns_of(T: Array) -> Array:
-    """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
-    return np.concatenate([T[:, :3, 3], np.degrees(roll_pitch_yaw(T))], axis=1)
 
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:

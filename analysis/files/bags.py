@@ -96,21 +96,17 @@ class McapBag:
                 if isinstance(part, Message):
                     count += 1
                     yield Found(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
-                else:
-                    self._learn(part)
+                # Remember the schema or the channel that a record defines.
+                elif isinstance(part, Schema):
+                    self._schemas[part.id] = part
+                elif isinstance(part, Channel):
+                    schema = self._schemas.get(part.schema_id)
+                    name = schema.name if schema else ""
+                    kind = name if part.message_encoding == "cdr" else f"{name} as {part.message_encoding}"
+                    self._channels[part.id] = part.topic, kind
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
                 raise McapError(f"it holds {count} messages, and its statistics say {record.message_count}")
-
-    def _learn(self, record: McapRecord) -> None:
-        """Remember the schema or the channel that a record defines."""
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, Channel):
-            schema = self._schemas.get(record.schema_id)
-            name = schema.name if schema else ""
-            kind = name if record.message_encoding == "cdr" else f"{name} as {record.message_encoding}"
-            self._channels[record.id] = record.topic, kind
 
     def _hold_size(self, chunk: Chunk, before: int) -> int:
         """Return the bytes that a chunk unpacks to. Raises FileError where that, or all together, is too much: a few

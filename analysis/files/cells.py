@@ -109,9 +109,18 @@ def value(column: str, text: str) -> Value:
     if not text:
         raise ValueError("has no value; fill it in or remove the row")
     if column == SOCKET:
-        return _label(text)
+        if len(text) > MOST_LETTERS or not text.isprintable():
+            raise ValueError(f"{quoted(text)} is no name of a socket: at most {MOST_LETTERS} letters, digits and signs")
+        return text
     if column in WORDS:
-        return _word(text, WORDS[column])
+        words = WORDS[column]
+        if text in words:
+            return text
+        lower = text.lower()
+        direction = direction_of(lower)
+        near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
     return _count(text) if column in COUNTS else _number(text)
 
 
@@ -147,22 +156,6 @@ def _count(text: str) -> int:
     if not _COUNT.fullmatch(text) or float(text) < 1:
         raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
     return int(float(text))
-
-
-def _label(text: str) -> str:
-    if len(text) > MOST_LETTERS or not text.isprintable():
-        raise ValueError(f"{quoted(text)} is no name of a socket: at most {MOST_LETTERS} letters, digits and signs")
-    return text
-
-
-def _word(text: str, words: tuple[str, ...]) -> str:
-    if text in words:
-        return text
-    lower = text.lower()
-    direction = direction_of(lower)
-    near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
-    hint = f"; did you mean {near[0]}?" if near else ""
-    raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
 
 
 _BATCH_CELLS = 100_000

@@ -122,7 +122,11 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     joints = list({group.columns: group for group in (*numbered, *_called(named, axis_names))}.values())
     near = tuple(name for count in (5, 7, 8) for group in _numbered(named, count) for name in group.columns)
     if not joints and not near:
-        joints = _with_word(named, axes)
+        by_role: dict[Role, list[_Name]] = defaultdict(list)
+        for name in named:
+            if {"joint", "axis"} & set(name.words):
+                by_role[name.role].append(name)
+        joints = [_group(ones) for ones in by_role.values() if len(ones) == axes]
     taken = {column for group in joints for column in group.columns}
     unused = [name for name in named if name.column not in taken]
     places, turns = _lettered(unused)
@@ -226,14 +230,6 @@ def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
     return list({group.columns: group for group in groups}.values())
 
 
-def _with_word(names: Sequence[_Name], axes: int) -> list[Group]:
-    by_role: dict[Role, list[_Name]] = defaultdict(list)
-    for name in names:
-        if {"joint", "axis"} & set(name.words):
-            by_role[name.role].append(name)
-    return [_group(ones) for ones in by_role.values() if len(ones) == axes]
-
-
 _Turns = list[tuple[Group, tuple[TurnReading, ...]]]
 """Columns of a turn, and the ways to read them."""
 
@@ -243,7 +239,15 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
     turns = _in_sets(names)
     taken = {column for group, _ in turns for column in group.columns}
     places = []
-    for template, by_letter in _by_letter(names).items():
+    # Columns x, y, z, and w where there is one, by what is the same in their names.
+    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for name in names:
+        for k, word in enumerate(name.words):
+            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
+                parts[(*name.words[:k], f"{word[:-1]}*", *name.words[k + 1 :])].setdefault(word[-1], name)
+    for template, by_letter in parts.items():
+        if not set("xyz") <= by_letter.keys():
+            continue
         ones = [by_letter[letter] for letter in "xyz"]
         w = by_letter.get("w")
         if w and w.column not in taken:
@@ -254,16 +258,6 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
         else:
             places.append(_group(ones))
     return places, [*turns, *_quaternions(names), *_matrices(names)]
-
-
-def _by_letter(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[str, _Name]]:
-    """Columns x, y, z, and w where there is one, by what is the same in their names."""
-    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
-    for name in names:
-        for k, word in enumerate(name.words):
-            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
-                parts[(*name.words[:k], f"{word[:-1]}*", *name.words[k + 1 :])].setdefault(word[-1], name)
-    return {template: by_letter for template, by_letter in parts.items() if set("xyz") <= by_letter.keys()}
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:

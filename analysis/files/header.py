@@ -66,7 +66,12 @@ def _separator(where: str, names: list[str]) -> None:
 
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
-    near = _nearest(name, names, layout)
+    # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
+    others = [extra for extra in names if extra not in _OF_ANY]
+    of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
+    taken = {_stem(column) for column in layout.known}
+    alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
+    near = next(iter(of_same_stem + alike), None)
     if near:
         stem, _, unit = name.rpartition("_")
         unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
@@ -76,15 +81,6 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
     if test in ("yaw", "roll") and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"
-
-
-def _nearest(name: str, names: list[str], layout: Layout) -> str | None:
-    """The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike."""
-    others = [extra for extra in names if extra not in _OF_ANY]
-    of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
-    taken = {_stem(column) for column in layout.known}
-    alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
-    return next(iter(of_same_stem + alike), None)
 
 
 def _stem(name: str) -> str:

@@ -105,7 +105,11 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
         data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
         sheet = ""
         if is_workbook(data):
-            sheet, data = _only_sheet(sheets_of(data, str(path)), str(path))
+            sheets = sheets_of(data, str(path))
+            if len(sheets) != 1:
+                what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                raise FileError(str(path), what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+            sheet, data = next(iter(sheets.items()))
         lines, text_layout = text_of(data, str(path))
         layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
         layouts.append(layout)
@@ -129,13 +133,6 @@ def _hold_standing(rig: Rig, where: str) -> None:
     if rig.robot.rail:
         what = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
         raise FileError(where, what, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
-
-
-def _only_sheet(sheets: dict[str, bytes], where: str) -> tuple[str, bytes]:
-    if len(sheets) != 1:
-        what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
-        raise FileError(where, what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
-    return next(iter(sheets.items()))
 
 
 def read_mapped(  # noqa: PLR0913 - what a run is labelled with

@@ -7,7 +7,7 @@ turn free. A reading is taken where it fits, and the second best clearly does no
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -19,13 +19,13 @@ from analysis.conventions.source import OF_CONTROLLER
 from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
-from analysis.files.mapped import MappedPoses, poses_of
+from analysis.files.mapped import poses_of
 from analysis.files.meant_columns import meant
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.pose_setup import fit_setup
-from analysis.kinematics.arm import Arm, Array, arm_of, forward, without_setup
+from analysis.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -180,7 +180,13 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     if chosen.turns and table_map.turn is None:
         table_map = _turned(judge, table_map, chosen)
     if residual and table_map.residual:
-        _ask_sign(judge, table_map.residual)
+        # Both signs of a residual fit an arm equally: its errors would only be mirrored.
+        meanings = ("target - measured", "measured - target")
+        values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
+        words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
+        readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
+        asks = "the file does not say what its residual is, and both fit the arm"
+        judge.questions.append(Question("residual", asks, readings))
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
     return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
@@ -286,7 +292,11 @@ def _placed(
         measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
         asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
-    elif residual is None and best.left < _COMPUTED_MM and _postures(judge, best.value) > _FEW_POSTURES:
+    elif (
+        residual is None
+        and best.left < _COMPUTED_MM
+        and len(np.unique(np.round(poses_of(judge.raw, best.value).q, 2), axis=0)) > _FEW_POSTURES
+    ):
         judge.assumed.append(
             f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
             "computed by the controller, or simulated"
@@ -315,26 +325,16 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
     return best
 
 
-def _postures(judge: _Judge, table_map: TableMap) -> int:
-    """How many different postures the rows that judge have."""
-    return len(np.unique(np.round(poses_of(judge.raw, table_map).q, 2), axis=0))
-
-
 def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -> None:
     """A question for each of joints and place that differs in readings, the likeliest first."""
     for key in ("joints", "place", "turn", "sees"):
-        readings = _of_key(key, candidates)
+        values: dict[str, Reading] = {}
+        for reading, _ in candidates:
+            value = getattr(reading.value, key)
+            values.setdefault(repr(value), replace(reading, value=value))
+        readings = tuple(values.values())[:_SHOWN]
         if len(readings) > 1:
             judge.questions.append(Question(key, asks, readings))
-
-
-def _of_key(key: str, candidates: Iterable[tuple[Reading, Seen]]) -> tuple[Reading, ...]:
-    """The different values of a key in readings, each with what its best leaves."""
-    values: dict[str, Reading] = {}
-    for reading, _ in candidates:
-        value = getattr(reading.value, key)
-        values.setdefault(repr(value), replace(reading, value=value))
-    return tuple(values.values())[:_SHOWN]
 
 
 def _readings(
@@ -434,6 +434,8 @@ def _turn_words(turn: Turn) -> str:
 
 def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     """The map with the turn that fits; where none does, or more than one, that is a question."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
     base = poses_of(judge.raw, table_map)
     T = forward(judge.bare, base.q)
     setup = fit_setup(T, base.xyz_mm)
@@ -444,7 +446,17 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
             poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
         except TableFileError:
             continue
-        readings.append(Reading(turn, _left_deg(T, R_base, poses), "°", f"turn as {_turn_words(turn)}"))
+        assert poses.turn is not None  # noqa: S101 - of readings with a turn
+        # What the nearest turns leave, with the tool's turn on the flange fitted to them.
+        arm = Rotation.from_matrix(T[:, :3, :3])
+        tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
+        kept, off = np.arange(len(T)), np.zeros(len(T))
+        for _ in range(3):
+            off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
+            kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
+        readings.append(
+            Reading(turn, float(np.degrees(np.sqrt(np.mean(off[kept] ** 2)))), "°", f"turn as {_turn_words(turn)}")
+        )
     readings.sort(key=lambda reading: reading.left)
     readings = _distinct(judge, table_map, readings)
     if not readings:
@@ -471,30 +483,6 @@ def _distinct(judge: _Judge, table_map: TableMap, readings: Sequence[Reading]) -
         if turn is not None and all((turn * earlier.inv()).magnitude().max() > 1e-6 for _, earlier in kept):
             kept.append((reading, turn))
     return [reading for reading, _ in kept]
-
-
-def _left_deg(T: Array, R_base: Array, poses: MappedPoses) -> float:
-    """What the nearest turns leave, rms in degrees, with the tool's turn on the flange fitted to them."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    assert poses.turn is not None  # noqa: S101 - of readings with a turn
-    arm = Rotation.from_matrix(T[:, :3, :3])
-    tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
-    kept, off = np.arange(len(T)), np.zeros(len(T))
-    for _ in range(3):
-        off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
-        kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
-    return float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
-
-
-def _ask_sign(judge: _Judge, residual: Residual) -> None:
-    """Both signs of a residual fit an arm equally: its errors would only be mirrored."""
-    meanings = ("target - measured", "measured - target")
-    values = [residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
-    words = [f"{_short(residual.columns)} is {meaning}" for meaning in meanings]
-    readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
-    asks = "the file does not say what its residual is, and both fit the arm"
-    judge.questions.append(Question("residual", asks, readings))
 
 
 def _short(columns: Sequence[str]) -> str:

@@ -54,7 +54,8 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
         xyz = xyz + sign * raw.numbers(residual.columns, problems) * TO_MM[residual.unit]
     turn = turn_of(raw, table_map.turn, problems) if table_map.turn else None
     if table_map.place.mirror:
-        xyz, turn = _mirrored(table_map.place.mirror, xyz, turn)
+        mirror = np.diag([-1.0 if letter == table_map.place.mirror else 1.0 for letter in "xyz"])
+        xyz, turn = xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
     if problems.count:
         raise TableFileError(raw.where, problems.first, count=problems.count)
     if table_map.sees == "from the tool":
@@ -106,12 +107,6 @@ def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
     values = np.radians(values) if angles.unit == "deg" else values
     backwards = np.isin(np.arange(1, len(angles.columns) + 1), angles.reversed)
     return values * np.where(backwards, -1.0, 1.0)
-
-
-def _mirrored(axis: str, xyz: Array, turn: Rotation | None) -> tuple[Array, Rotation | None]:
-    """Places (n, 3) and turns of a left-handed frame in the right-handed one with that axis turned round."""
-    mirror = np.diag([-1.0 if letter == axis else 1.0 for letter in "xyz"])
-    return xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
 
 
 def table_by(

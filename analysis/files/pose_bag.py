@@ -102,7 +102,13 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     if not rows:
         reasons = "; ".join(more) or "the robot stood nowhere for 0.3 s"
         raise FileError(where, f"has no stand of the robot with a place ({reasons})", "let the robot wait at each pose")
-    return StandTable(_csv(names, rows, seen.shape[1] == 7), topic, (*doubts, *more))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    turn = ["qx", "qy", "qz", "qw"] if (seen.shape[1] == 7) else []
+    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
+    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
+    writer.writerows(rows)
+    return StandTable(text.getvalue().encode(), topic, (*doubts, *more))
 
 
 def _of_use(messages: Iterable[Found]) -> list[Found]:
@@ -272,13 +278,3 @@ def _row(stand: Stand, t_s: Array, q: Array, seen: Array) -> list[float]:
     place, scatter = seen[:, :3].mean(axis=0), 1e3 * seen[:, :3].std(axis=0, ddof=1)
     q_scatter = np.degrees(q[stand.settled].std(axis=0).max())
     return [stand.t_s, *stand.q.tolist(), *place.tolist(), *turn, *scatter.tolist(), float(q_scatter), len(seen)]
-
-
-def _csv(names: Sequence[str], rows: Sequence[Sequence[float]], turned: bool) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    turn = ["qx", "qy", "qz", "qw"] if turned else []
-    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
-    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
-    writer.writerows(rows)
-    return text.getvalue().encode()

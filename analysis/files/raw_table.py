@@ -224,7 +224,12 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
     whole = [cells for k in sampled if len(cells := _fields(lines[k], mark)) == fields]
     tail = whole[len(whole) // 2 :]
     numeric = np.mean([[_is_number(cell, comma) for cell in cells] for cells in tail], axis=0) > 0.5
-    data = (k for k in rows if len(cells := _fields(lines[k], mark)) == fields and _all_held(cells, numeric, comma))
+    data = (
+        k
+        for k in rows
+        if len(cells := _fields(lines[k], mark)) == fields
+        and all(_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number)
+    )
     first = next(data, None)
     if first is None:
         raise FileError(where, "has no row whose columns of numbers are all numbers", "give a table of measurements")
@@ -238,10 +243,6 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
         units_line=units,
         first_line=first + 1,
     )
-
-
-def _all_held(cells: list[str], numeric: Array, comma: bool) -> bool:
-    return all(_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number)
 
 
 def _header(
@@ -365,19 +366,16 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             others[0].where, f"shares no value of {join!r} with {first.where}", "check the column of the join"
         )
     if len({table.decimal_comma for table in tables}) > 1:
-        columns = _with_points(tables, columns)
+        # Columns of files of which some have decimal commas, all with points.
+        commas = {name for table in tables if table.decimal_comma for name in table.names}
+        columns = {
+            name: pc.replace_substring(column, ",", ".") if name in commas else column
+            for name, column in columns.items()
+        }
     cells = pa.table(columns)
     comma = all(table.decimal_comma for table in tables)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], comma), left_out
-
-
-def _with_points(tables: Sequence[RawTable], columns: dict[str, pa.ChunkedArray]) -> dict[str, pa.ChunkedArray]:
-    """Columns of files of which some have decimal commas, all with points."""
-    commas = {name for table in tables if table.decimal_comma for name in table.names}
-    return {
-        name: pc.replace_substring(column, ",", ".") if name in commas else column for name, column in columns.items()
-    }
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:

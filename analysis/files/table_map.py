@@ -149,7 +149,11 @@ def load_map(path: Path) -> TableMap:
 def parse_map(text: str, where: str) -> TableMap:
     """Read the text of a map; `where` names it in errors. Raises FileError."""
     root, data = read_yaml(text, where)
-    _refuse_open(text, where)
+    for number, line in enumerate(text.splitlines(), start=1):
+        key, _, value = line.partition(":")
+        if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
+            what = f"line {number}, {key.strip()}: this question is not answered"
+            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:
@@ -196,11 +200,3 @@ def _choices(place: str, words: list[str]) -> list[str]:
 def _flow(value: object) -> str:
     text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
-
-
-def _refuse_open(text: str, where: str) -> None:
-    for number, line in enumerate(text.splitlines(), start=1):
-        key, _, value = line.partition(":")
-        if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
-            what = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")

@@ -82,7 +82,25 @@ def canonical(arm: Arm) -> Canonical | None:
             sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
             reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
             moved = float(np.abs(lengths).sum() + np.abs(turned).sum() * reach)
-            return _snapped(arm, kind, sign, 0.0 if deviation < _EXACT else moved)
+            d = sign * arm.d
+            raised, drawn_back = np.eye(4), np.eye(4)
+            raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
+            half_turn = np.diag([1.0, sign[5], sign[5], 1.0])
+            # RotX(alpha0) TransX(a0) RotY(beta0), whatever they are.
+            ca, sa, cb, sb = np.cos(arm.alpha[0]), np.sin(arm.alpha[0]), np.cos(arm.beta[0]), np.sin(arm.beta[0])
+            T = np.eye(4)
+            T[:3, :3] = [[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]]
+            T[0, 3] = arm.a[0]
+            T_one_world = np.asarray(np.linalg.inv(arm.T_world_base @ T @ raised), dtype=np.float64)
+            return Canonical(
+                kind,
+                sign,
+                arm.a,
+                d,
+                T_one_world=T_one_world,
+                T_tool_wrist=np.linalg.inv(arm.T_flange_tool) @ half_turn @ drawn_back,
+                snapped_mm=0.0 if deviation < _EXACT else moved,
+            )
     return None
 
 
@@ -100,32 +118,6 @@ def _degenerate(arm: Arm, kind: Kind) -> bool:
     """Whether a link of the plane arm is missing."""
     forearm = np.hypot(arm.a[3], arm.d[3]) if kind == "spherical wrist" else abs(arm.a[3])
     return bool(min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm))
-
-
-def _snapped(arm: Arm, kind: Kind, sign: Array, snapped_mm: float) -> Canonical:
-    d = sign * arm.d
-    raised, drawn_back = np.eye(4), np.eye(4)
-    raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
-    half_turn = np.diag([1.0, sign[5], sign[5], 1.0])
-    T_one_world = np.asarray(np.linalg.inv(arm.T_world_base @ _before_axis_1(arm) @ raised), dtype=np.float64)
-    return Canonical(
-        kind,
-        sign,
-        arm.a,
-        d,
-        T_one_world=T_one_world,
-        T_tool_wrist=np.linalg.inv(arm.T_flange_tool) @ half_turn @ drawn_back,
-        snapped_mm=snapped_mm,
-    )
-
-
-def _before_axis_1(arm: Arm) -> Array:
-    """RotX(alpha0) TransX(a0) RotY(beta0), whatever they are."""
-    ca, sa, cb, sb = np.cos(arm.alpha[0]), np.sin(arm.alpha[0]), np.cos(arm.beta[0]), np.sin(arm.beta[0])
-    T = np.eye(4)
-    T[:3, :3] = [[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]]
-    T[0, 3] = arm.a[0]
-    return T
 
 
 _BOTH = np.array([1.0, -1.0])
@@ -149,15 +141,13 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | Non
     sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
     solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes
     theta = np.empty((*(len(side) for side in sides), 6, len(poses)))
-    for axis, angle in enumerate(solve(form, _in_arm(form, poses), sides, spread)):
+    # T_one_world poses T_tool_wrist without its last row, (3, 4, n): one product, since it is linear in the pose.
+    both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
+    for axis, angle in enumerate(
+        solve(form, np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1), sides, spread)
+    ):
         theta[:, :, :, axis] = form.sign[axis] * angle
     return theta.reshape(8 if slot is None else 1, 6, len(poses))
-
-
-def _in_arm(form: Canonical, poses: Array) -> Array:
-    """T_one_world poses T_tool_wrist without its last row, (3, 4, n): one product, since it is linear in the pose."""
-    both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
-    return np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1)
 
 
 def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:

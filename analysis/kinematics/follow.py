@@ -39,7 +39,16 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
         path = _walked(arm, poses, knots, start, where)
-    _hold_limits(arm, path, where)
+    low, high = path.min(axis=0), path.max(axis=0)
+    for axis in range(6):
+        if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
+            raise PathError(
+                where,
+                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
+                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
+                "move the path or choose another posture_deg",
+                "limits",
+            )
     return path
 
 
@@ -136,19 +145,6 @@ def _knots(poses: Array) -> Indices:
     counts = np.floor(np.concatenate([[0.0], np.cumsum(motion)]) / _KNOT_TURN)
     inner = np.flatnonzero(np.diff(counts) > 0) + 1
     return np.unique(np.concatenate([[0], inner, [len(poses) - 1]])).astype(np.intp)
-
-
-def _hold_limits(arm: Arm, path: Array, where: str) -> None:
-    low, high = path.min(axis=0), path.max(axis=0)
-    for axis in range(6):
-        if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
-            raise PathError(
-                where,
-                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
-                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
-                "move the path or choose another posture_deg",
-                "limits",
-            )
 
 
 def _named(poses: Array, index: int) -> str:

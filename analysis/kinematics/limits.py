@@ -28,7 +28,12 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
     rows, turns = finite, np.zeros((len(finite), 6))
     start = q @ arm.coupling.T
     for axis in range(6):
-        fewest, most = _turns(arm, axis, start[rows, axis])
+        # Fewest and most turns (m,) that may bring row `axis` of coupling @ q from start (m,) within the limits.
+        begins = start[rows, axis]
+        ends = arm.coupling[axis][:, None] * arm.limits
+        slack = _SLACK * np.abs(arm.coupling[axis]).sum()
+        low, high = ends.min(axis=1).sum() - slack, ends.max(axis=1).sum() + slack
+        fewest, most = np.ceil((low - begins) / (2 * np.pi)), np.floor((high - begins) / (2 * np.pi))
         count = np.maximum(most - fewest + 1, 0).astype(int)
         nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         rows, turns = np.repeat(rows, count), np.repeat(turns, count, axis=0)
@@ -36,14 +41,6 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
     turned = q[rows] + turns @ turn.T
     inside = ((turned > arm.limits[:, 0] - _SLACK) & (turned < arm.limits[:, 1] + _SLACK)).all(axis=1)
     return turned[inside], rows[inside]
-
-
-def _turns(arm: Arm, axis: int, start: Array) -> tuple[Array, Array]:
-    """Fewest and most turns (m,) that may bring row `axis` of coupling @ q from start (m,) within the limits."""
-    ends = arm.coupling[axis][:, None] * arm.limits
-    slack = _SLACK * np.abs(arm.coupling[axis]).sum()
-    low, high = ends.min(axis=1).sum() - slack, ends.max(axis=1).sum() + slack
-    return np.ceil((low - start) / (2 * np.pi)), np.floor((high - start) / (2 * np.pi))
 
 
 _MOST_RAD = 4 * np.pi + 0.1

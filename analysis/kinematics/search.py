@@ -35,7 +35,13 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     spread; solved ones first."""
     q, solved = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     if form is None:
-        theta: Array = np.broadcast_to(_spread(), (len(poses), _SEEDS, 6))
+        # Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018).
+        root = 1.0
+        for _ in range(50):
+            root = (1 + root) ** (1 / 7)
+        steps = root ** -np.arange(1.0, 7.0)
+        filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
+        theta: Array = np.broadcast_to(filled, (len(poses), _SEEDS, 6))
         return _beside(arm, poses, *_first(*_reached(arm, poses, _joints(arm, theta))))
     theta = branches(form, poses)
     q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
@@ -123,16 +129,6 @@ def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mas
     most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
     order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
     return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)
-
-
-def _spread() -> Array:
-    """Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018)."""
-    root = 1.0
-    for _ in range(50):
-        root = (1 + root) ** (1 / 7)
-    steps = root ** -np.arange(1.0, 7.0)
-    filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
-    return filled
 
 
 def _joints(arm: Arm, theta: Array) -> Array:

@@ -12,7 +12,6 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
 from analysis.paper import published as paper
 from analysis.paper.simulated_tests import FittedSphere, SimulatedLap, circle, repeats, sphere, step
-from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
 from rigs.schema.part import Direction
@@ -110,7 +109,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
 def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
     """How far the residual jumps after each reversal, by plays alone: with them less without them."""
     sense = 1.0 if direction == "acw" else -1.0
-    without = circle(rig, "yaw", direction, _without_play(rig.effects))
+    without = circle(rig, "yaw", direction, tuple(effect for effect in rig.effects if not is_play(effect)))
     jumps = {}
     for turn in reversals(circle_of(rig), arm_of(rig.robot), rig.name):
         at = float(np.degrees(turn.phi))
@@ -123,10 +122,6 @@ def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
     note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
     ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
     return Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
-
-
-def _without_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    return tuple(effect for effect in effects if not is_play(effect))
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:
@@ -151,7 +146,17 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
     )
     extremes = np.degrees(mean.phi[[np.argmax(y), np.argmin(y)]])
     for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
-        yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", _flat(mean, float(ours), place), 0, place=True)
+        at_theirs, at_ours = np.degrees(np.interp(np.radians([place, float(ours)]), mean.phi, mean.angle))
+        yield Row(
+            "Fig. 11",
+            f"roll {name} at",
+            place,
+            float(ours),
+            "°",
+            f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it",
+            0,
+            place=True,
+        )
 
 
 def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
@@ -159,11 +164,6 @@ def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
     phi = curves[0].phi
     y = np.mean([np.interp(phi, curve.phi, curve.angle) for curve in curves], axis=0)
     return SimulatedLap(phi, y, y, {})
-
-
-def _flat(curve: SimulatedLap, ours: float, place: float) -> str:
-    at_theirs, at_ours = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
-    return f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it"
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:

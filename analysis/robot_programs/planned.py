@@ -95,24 +95,20 @@ def _planned(
     arc_deg: float,
 ) -> Plan:
     if direction is not None:
-        return _circle(rig, test, direction, outputs, arc_deg)
+        circle, arm = circle_of(rig), arm_of(rig.robot)
+        t_s, phi = lap(circle, direction)
+        q = circle_program(rig, direction).q[: len(t_s)]
+        factor = way_back(arm, fastest_joints(t_s, q))
+        pieces = _pieces(rig, phi, q, arc_deg)
+        lap_arcs = _arcs(pieces, circle.speed_mm_s)
+        reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
+        back = _arcs(reverse, factor * circle.speed_mm_s)
+        laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *lap_arcs]
+        for number in range(2, circle.laps + 1):
+            laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
+            laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
+        return _plan(rig, test, direction, outputs, pieces[0][0], laps)
     return _radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)
-
-
-def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> Plan:
-    circle, arm = circle_of(rig), arm_of(rig.robot)
-    t_s, phi = lap(circle, direction)
-    q = circle_program(rig, direction).q[: len(t_s)]
-    factor = way_back(arm, fastest_joints(t_s, q))
-    pieces = _pieces(rig, phi, q, arc_deg)
-    lap_arcs = _arcs(pieces, circle.speed_mm_s)
-    reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
-    back = _arcs(reverse, factor * circle.speed_mm_s)
-    laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *lap_arcs]
-    for number in range(2, circle.laps + 1):
-        laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
-        laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
-    return _plan(rig, test, direction, outputs, pieces[0][0], laps)
 
 
 def _pieces(rig: Rig, phi: Array, q: Array, arc_deg: float) -> list[_Piece]:

@@ -203,11 +203,19 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
     arm = arm_of(rig.robot)
     for motion in motions:
-        _check_moved(motion)
+        if not np.isfinite(motion.q).all():
+            row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
+            raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
+        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
+            raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
     bins = binned(motions, arm)
     where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
-    path_circle, tolerance = _driven(points, run)
+    # A bent circle only where it is followed much further than a round one.
+    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
+    path_circle, tolerance = true, DRIVEN
+    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
+        path_circle, tolerance = bent, BENT
     if is_jogged(bins, path_circle):
         return _of_stands(circle_through_stands(arm, bins, where), motions, rig)
     stood = len(distinct(bins.places[bins.stand_rows]))
@@ -225,17 +233,16 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     return result
 
 
-def _driven(points: Array, run: Integers) -> tuple[FoundCircle | None, Tolerance]:
-    """The circle of a path (k, 3) mm: a bent one only where it is followed much further than a round one."""
-    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
-    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
-        return bent, BENT
-    return true, DRIVEN
-
-
 def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    own = _longest(fit.circle, bins, on)
-    start = start_of(fit.circle, bins.T[own], bins.q[own], motions[bins.run[own][0]].direction, rig.tests.circle)
+    # The stretch on the circle that goes furthest around it; a pause where a program turns back does not end it.
+    rows = np.flatnonzero(on)
+    off_path = deviations(fit.circle, bins.places).largest > DRIVEN.at(fit.circle.radius) * _NEAR
+    number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == piece] for piece in np.unique(number)]
+    longest = max(pieces, key=lambda piece: float(np.ptp(fit.circle.angle(bins.places[piece]))))
+    start = start_of(
+        fit.circle, bins.T[longest], bins.q[longest], motions[bins.run[longest][0]].direction, rig.tests.circle
+    )
     doubts = _doubts(motions)
     if fit.wild:
         doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
@@ -292,14 +299,6 @@ def _where(motions: Sequence[RobotMotion]) -> str:
 def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
     named = len(motions) > 1
     return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
-
-
-def _check_moved(motion: RobotMotion) -> None:
-    if not np.isfinite(motion.q).all():
-        row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
-        raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
-        raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
 
 
 def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
@@ -367,16 +366,3 @@ def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
 
 def _placed(circle: CircleFrame) -> str:
     return f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"
-
-
-def _longest(circle: CircleFrame, bins: Binned, on: Mask) -> Mask:
-    """The bins (n,) of the stretch on the circle that goes furthest around it."""
-    rows = np.flatnonzero(on)
-    # A pause where a program turns back does not end a stretch.
-    off_path = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * _NEAR
-    number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
-    pieces = [rows[number == piece] for piece in np.unique(number)]
-    longest = max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
-    chosen = np.zeros(len(on), dtype=bool)
-    chosen[longest] = True
-    return chosen

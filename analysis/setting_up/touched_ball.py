@@ -121,7 +121,9 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
         raise FileError(where, what, "record only stands on the circle, or the circle itself without stops")
     free = 2 * (len(places) - 3)
     squares = float((away.radial**2).sum() + (away.axial**2).sum())
-    scatter_mm, doubts = scatter(squares, free, _within(bins))
+    scatter_mm, doubts = scatter(
+        squares, free, float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
+    )
     if not together.all():
         doubts = (*doubts, f"{off_circle} stands are not used because they lie off the circle of the others")
     design = away.design
@@ -138,11 +140,6 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
 
     return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
-
-
-def _within(bins: Binned) -> float:
-    """Root mean square in mm of how places move in one coordinate while the robot stands."""
-    return float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.geometry.rigid import moved_by
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
 from analysis.measures.touch import SEAT_MM
-from analysis.model.predict import Model, model_of, moved, path_of
+from analysis.model.predict import model_of, moved, path_of
 from analysis.traces.tables import TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -57,7 +57,10 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     places = sockets + rng.normal(0.0, 1.0, sockets.shape) * scatter
     arm = _with_ball(model.arm, touch_of(rig))
     for _ in range(_STEPS):
-        away = places - _balls(model, arm, table)
+        # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
+        with_ball = replace(model, arm=arm)
+        path = path_of(with_ball, table)
+        away = places - np.asarray(moved(with_ball, path).T[path.rows, :3, 3])
         if np.abs(away).max() < _THERE_MM:
             break
         _, jacobian = forward_and_jacobian(arm, table.q)
@@ -82,7 +85,11 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     count = -(-touch.touches // len(touch.sockets))
     where: dict[str, Array] = {}
     for socket in touch.sockets:
-        distances = _known_to(socket, where, touch)
+        # The sockets that have a place (3,) mm and a distance in mm from this one that is known.
+        pairs = {frozenset(stated.between): stated.distance_mm for stated in touch.distances}
+        distances = [
+            (place, pairs[pair]) for placed, place in where.items() if (pair := frozenset((socket, placed))) in pairs
+        ]
         place, postures = _somewhere(arm, count, rng, rig.name, distances)
         where[socket] = place
         q.append(postures)
@@ -91,12 +98,6 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     order = np.concatenate(q)
     swing = rng.choice([-1.0, 1.0], order.shape) * rng.uniform(*_CAME_RAD, order.shape)
     return TouchTable(np.array(names), order, order + swing), np.array(places)
-
-
-def _known_to(socket: str, where: dict[str, Array], touch: Touch) -> list[tuple[Array, float]]:
-    """The sockets that have a place (3,) mm and a distance in mm from this one that is known."""
-    pairs = {frozenset(stated.between): stated.distance_mm for stated in touch.distances}
-    return [(place, pairs[pair]) for placed, place in where.items() if (pair := frozenset((socket, placed))) in pairs]
 
 
 def _at_distances(at: Array, distances: Sequence[tuple[Array, float]]) -> Array:
@@ -150,10 +151,3 @@ def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -
 def _with_ball(arm: Arm, touch: Touch) -> Arm:
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     return replace(arm, T_flange_tool=arm.T_flange_tool @ ball)
-
-
-def _balls(model: Model, arm: Arm, table: TouchTable) -> Array:
-    """Where a model has the ball (n, 3) mm of each touch, on the tool of an arm."""
-    with_ball = replace(model, arm=arm)
-    path = path_of(with_ball, table)
-    return np.asarray(moved(with_ball, path).T[path.rows, :3, 3])

@@ -135,8 +135,10 @@ def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
     first = 0
     for track in tracks:
         columns = slice(first, first := first + track.values.shape[1])
-        if track.ns is rows_ns:
-            at_rows[:, columns] = track.values
+        if track.values.shape[1] == 1:
+            at_rows[:, first - 1] = (
+                track.values[:, 0] if track.ns is rows_ns else np.interp(rows_ns, track.ns, track.values[:, 0])
+            )
             continue
         for begin in range(0, len(rows_ns), _BLOCK):
             rows = slice(begin, begin + _BLOCK)

@@ -81,6 +81,12 @@ class Laps:
         )
 
     @property
+    def without_rows(self) -> Laps:
+        """The same laps with their first row alone, in memory of its own."""
+        rows = {name: getattr(self, name)[:1].copy() for name in ("t_s", "phi", "q", "g_mm")}
+        return replace(self, **rows)
+
+    @property
     def start(self) -> float:
         """Circle angle, rad, at which a lap begins, to the nearest row."""
         return float(self.phi[0])

@@ -127,14 +127,14 @@ def _may_be_corners(x: Array, y: Array) -> tuple[Array, Array]:
     blocks = len(x) // _HULL_BLOCK
     if blocks < _NEIGHBOURS:
         return x, y
-    within = y[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)
+    kept = np.zeros(len(x), dtype=bool)
+    kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
     begins = np.arange(blocks) * _HULL_BLOCK
-    lowest = begins + within.argmin(axis=1)
-    some = np.unique(np.concatenate([[0], lowest, np.arange(blocks * _HULL_BLOCK, len(x)), [len(x) - 1]]))
-    over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[some], y[some])).max(axis=0)
-    near = begins[y[lowest] <= over]
-    rows = np.unique(np.concatenate([some, (near[:, None] + np.arange(_HULL_BLOCK)).ravel()]))
-    return x[rows], y[rows]
+    lowest = begins + y[: len(begins) * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK).argmin(axis=1)
+    kept[lowest] = True
+    over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
+    kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
+    return x[kept], y[kept]
 
 
 def _broken(x: Array, y: Array, knots: Array) -> Array:

@@ -177,7 +177,7 @@ class StreamBuffer:
         self._recent_size += size_of(item)
         while self._recent_size - size_of(self._recent[0]) >= _RECENT:
             self._recent_size -= size_of(self._recent.popleft())
-        if isinstance(item, Samples):
+        if type(item) is Samples:
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
@@ -196,7 +196,8 @@ class StreamBuffer:
 
 def size_of(item: Item) -> int:
     """Return how many samples or faults an item is."""
-    return len(item) if isinstance(item, Samples) else 1
+    # By its type: to ask whether a sample is a sequence takes a tenth of what a poll takes.
+    return len(item) if type(item) is Samples else 1
 
 
 def samples_of(items: Sequence[Item]) -> Samples:

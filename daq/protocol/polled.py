@@ -218,6 +218,8 @@ class Polled:
         if isinstance(message, Fault):
             return Reply((self._explained(message),), Then.DRAIN)
         reply = self._dialect.read(message, self._requested_ns)
+        if not any(isinstance(item, Fault) for item in reply.items):
+            return reply  # a reading, nearly always
         return replace(reply, items=tuple(map(self._explained, reply.items)))
 
     def _explained(self, item: Item) -> Item:

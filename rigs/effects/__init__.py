@@ -27,9 +27,10 @@ from rigs.schema.effect import size_field as size_field
 
 def _class_in(name: str) -> type[Effect]:
     """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
-    members = vars(importlib.import_module(f"{__name__}.{name}")).values()
+    members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
-        if isinstance(member, type) and issubclass(member, Effect) and member.model_fields["effect"].default == name:
+        is_effect = isinstance(member, type) and issubclass(member, Effect)
+        if is_effect and member.model_fields["effect"].default == name:
             return _whole(f"rigs/effects/{name}.py", member)
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
@@ -45,7 +46,7 @@ def _whole(name: str, cls: type[Effect]) -> type[Effect]:
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
     """The whole effects that other packages offer."""
     found = {}
-    for name, cls in plugins.offered("rig.effects", Effect, own).items():
+    for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
             found[name] = _whole(name, cls)
         except ImportError as reason:

@@ -108,7 +108,14 @@ class Points:
             targets.append(target)
             for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
                 places[usage.move.key] = len(targets)
-                targets.append(_shadow(target, base, usage))
+                assert usage.offset is not None  # noqa: S101 - of moves with one
+                kind, numbers = usage.offset
+                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                targets.append(
+                    replace(
+                        target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base
+                    )
+                )
             self._sets += [named for usage in point.usages for named in _registers(usage)]
         steps = tuple(
             Step(
@@ -130,14 +137,6 @@ class Points:
             for source in usage.comes_from:
                 if source is not None and (key in places) != (source in places):
                     yield places[key if key in places else source]
-
-
-def _shadow(target: Target, base: int, usage: Usage) -> Target:
-    """Return the place that a move with an offset from a target goes to."""
-    assert usage.offset is not None  # noqa: S101 - of moves with one
-    kind, numbers = usage.offset
-    assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
-    return replace(target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base)
 
 
 def _registers(usage: Usage) -> Iterator[Named]:

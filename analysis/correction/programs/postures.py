@@ -39,8 +39,8 @@ def solved(
 ) -> tuple[Array, dict[int, Reason]]:
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
-    `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad the angles of joint
-    targets, each nan where the target is of the other kind.
+    `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
+    each nan where the target is of the other kind.
     """
     q = joint_angles.copy()
     reasons: dict[int, Reason] = {}

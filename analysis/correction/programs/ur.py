@@ -178,7 +178,11 @@ def parse(texts: Texts) -> Parsed:
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
-    _list_parts(reader)
+    # List the numbers of targets that become parts of structs and lists: moves to them are computed.
+    for part in _PART_DECLARED.finditer(reader.text):
+        numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
+        if numbers and len(numbers) == 6:
+            reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
     _read(reader, events)
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
@@ -212,14 +216,6 @@ def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
         line = reader.lines.at(declared.start("name"))
         form: Form = "rotation_vector" if pose else "joints_rad"
         reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
-
-
-def _list_parts(reader: _Reader) -> None:
-    """List the numbers of targets that become parts of structs and lists: moves to them are computed."""
-    for part in _PART_DECLARED.finditer(reader.text):
-        numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
-        if numbers and len(numbers) == 6:
-            reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
 
 
 def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
