@@ -50,8 +50,7 @@ def export_urdf(
     from analysis.arms.ur_driver import ur_driver_text
     from analysis.arms.urdf_text import urdf_text
     from analysis.correction.geometric_share import geometric_share
-    from analysis.model.geometric_arm import geometric_arm
-    from analysis.model.predict import model_of
+    from analysis.model.predict import geometric_arm, model_of
     from rigs.load import load
 
     if calibration_hash is not None and reader == "urdf":
