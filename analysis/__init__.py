@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from analysis.api import *
 
 __all__ = [
+    "ArmAngles",
+    "ArmPoses",
+    "CalibratedArm",
     "CellError",
     "CircleCurve",
     "Compared",
@@ -37,6 +40,7 @@ __all__ = [
     "Result",
     "RigError",
     "calibrate",
+    "calibrated_arm",
     "compare",
     "diagnose",
     "evaluate",

@@ -35,7 +35,7 @@ _Edit = tuple[int, int, str]
 
 
 def with_values(
-    text: str, values: Mapping[Keys, Value], wanted: Rig, where: str, remedy: str = "write them out in the file"
+    text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write them out in the file"
 ) -> str:
     """Return the text of a rig file with other values, checked to be the rig that is wanted.
 
@@ -43,14 +43,14 @@ def with_values(
     unusual way."""
     edited = text
     for parent in dict.fromkeys(keys[:-1] for keys in values):
-        own = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
-        for begin, end, piece in sorted(_edits(edited, parent, own), reverse=True):
+        changes = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
+        for begin, end, piece in sorted(_edits(edited, parent, changes), reverse=True):
             edited = edited[:begin] + piece + edited[end:]
     try:
         reached = parse(edited, where)
     except RigFileError:
         reached = None
-    if reached != wanted:
+    if reached != expected:
         raise FileError(where, "shares values by an anchor, or is laid out so that they cannot be changed", remedy)
     return edited
 
@@ -96,12 +96,12 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
             gap = " " if below.start_mark.index == below.end_mark.index else ""
             return [(below.start_mark.index, below.end_mark.index, gap + flow(_nested(parent[depth + 1 :], values)))]
         node = below
-    there = {key: _child(node, key) for key in values}
-    missing = [f"{key}: {flow(values[key])}" for key, found in there.items() if found is None]
+    nodes = {key: _child(node, key) for key in values}
+    missing = [f"{key}: {flow(values[key])}" for key, child in nodes.items() if child is None]
     edits = [_put_first(node, missing)] if missing else []
-    for key, found in there.items():
-        if found is not None:
-            edits += _replaced(found, values[key])
+    for key, child in nodes.items():
+        if child is not None:
+            edits += _replaced(child, values[key])
     return edits
 
 
@@ -183,16 +183,21 @@ def _with_effects(text: str, effects: Sequence[Effect]) -> str:
     items = [_line(effect) for effect in effects]
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
-    there = [(key, value) for key, value in root.value if key.value == "effects"]
+    entries = [(key, value) for key, value in root.value if key.value == "effects"]
     lines = text.rstrip("\n").split("\n")
-    if there and isinstance(there[0][1], yaml.SequenceNode) and there[0][1].value and not there[0][1].flow_style:
-        last = there[0][1].value[-1]
+    if (
+        entries
+        and isinstance(entries[0][1], yaml.SequenceNode)
+        and entries[0][1].value
+        and not entries[0][1].flow_style
+    ):
+        last = entries[0][1].value[-1]
         at = last.end_mark.line + (last.end_mark.column > 0)
-        indent = " " * there[0][1].start_mark.column
+        indent = " " * entries[0][1].start_mark.column
         lines[at:at] = [f"{indent}- {item}" for item in items]
     else:
-        if there:
-            first, end = there[0][0].start_mark.line, there[0][1].end_mark.line
+        if entries:
+            first, end = entries[0][0].start_mark.line, entries[0][1].end_mark.line
             items = [_dumped(entry) for entry in data_of(text)["effects"] or []] + items
             del lines[first : end + 1]
         lines += ["", "effects:", *(f"  - {item}" for item in items)]

@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
+from analysis.correction.calibrated_arm import ArmPoses as ArmPoses
+from analysis.correction.calibrated_arm import CalibratedArm as CalibratedArm
 from analysis.inference.compare import Compared as Compared
 from analysis.inference.compare import Comparison as Comparison
 from analysis.inference.result import Diagnosis as Diagnosis
@@ -256,6 +259,22 @@ def diagnose(
     Source: docs/diagnosis.md.
     """
     return _diagnosed(runs, rig, hold_out, unseen, progress, tolerance_um, None)
+
+
+def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
+    """Return the arm of a rig file with all that was found of it: forward and inverse kinematics with uncertainty.
+
+    rig: rig file, with the calibration beside it, or the name of a shipped rig.
+
+    Returns the arm: `forward(q_deg)` gives the poses of its tool, T (n, 4, 4) with lengths in mm, and u_mm (n,), the
+    standard uncertainty of the place; `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,).
+    Whatever depends on the posture alone is in them; plays, and what depends on time, are in u_mm.
+
+    Raises FileError where the file cannot be read.
+
+    Source: docs/calibration.md.
+    """
+    return CalibratedArm(rig if isinstance(rig, Rig) else load(rig)[0])
 
 
 def _diagnosed(

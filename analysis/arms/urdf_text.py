@@ -33,7 +33,7 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     no URDF can have.
     """
     senses = joint_senses(arm, where, "a URDF")
-    _require_names(robot, where)
+    require_names(robot, where)
     root = ElementTree.Element("robot", name=robot.name)
     for remark in (_HEAD, *remarks):
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
@@ -53,8 +53,8 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
-def _require_names(robot: Robot, where: str) -> None:
-    """Refuse names that XML cannot hold, or that would be those of two joints."""
+def require_names(robot: Robot, where: str) -> None:
+    """Raise FileError for names that XML cannot hold, or that would be those of two joints. where: the rig file."""
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():

@@ -71,6 +71,8 @@ JOBS = {
         "file.",
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
+        "versions": "List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two "
+        "differ.",
     },
     "Look after runs and daemon": {
         "runs": "List runs with size and age, whether they were exported, and whether they are kept.",
@@ -87,8 +89,8 @@ JOBS = {
         "reason.",
         "export": "Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of "
         "its import.",
-        "export-urdf": "Write the arm of a rig file as a URDF, with the joint zeros and link constants that were "
-        "found.",
+        "export-urdf": "Write the arm of a rig file for other programs, with the joint zeros and link constants that "
+        "were found.",
     },
 }
 """The commands by what a person wants to do, in the order of the work, each with the first paragraph of its help."""

@@ -1,4 +1,7 @@
-"""`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair."""
+"""`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair.
+
+Two rig files in the place of runs: two arms of one model, pose by pose.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
 from rigs.errors import UseError
 
 _AGAINST = "--against"
+_ARMS = 2
 
 
 class _ManyAgainst(Command):
@@ -64,9 +68,15 @@ def compare(
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
+    With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
     """
     from analysis.cli.run_paths import runs_below
 
+    if len(runs) == _ARMS and all(path.suffix in (".yaml", ".yml") and path.is_file() for path in runs):
+        if against or rig_file or plot or unseen:
+            raise UseError("ARM ARM", "two arms are compared without runs", "leave the options but --json out")
+        _arms(runs[0], runs[1], as_json)
+        return
     runs = runs_below(runs)
     if against:
         if rig_file or plot or unseen:
@@ -107,3 +117,18 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
         say_json({"differences": [one.to_dict() for one in found]})
     else:
         PlainConsole().print(as_differences(found))
+
+
+def _arms(one: Path, other: Path, as_json: bool) -> None:
+    from analysis.cli.progress import progress_of
+    from analysis.correction.arms_apart import arms_apart
+    from analysis.reporting.arms_apart_table import as_tables
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.load import load
+
+    with progress_of("comparing the arms"):
+        apart = arms_apart(load(one)[0], load(other)[0])
+    if as_json:
+        say_json(apart.to_dict())
+    else:
+        PlainConsole().print(as_tables(apart))

@@ -1,4 +1,4 @@
-"""`rig export-urdf RIG`: the geometric part of a rig's model as a URDF, or for the driver of Universal Robots."""
+"""`rig export-urdf RIG`: the calibrated arm of a rig's model as what other programs read: URDF, xacro, MJCF, YAML."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from analysis.cli.options import RigArgument
 
 if TYPE_CHECKING:
     from analysis.correction.geometric_share import GeometricShare
+    from analysis.kinematics.arm import Arm
+    from rigs.rig import Rig
 
-Reader = Literal["urdf", "ur-driver"]
+Reader = Literal["urdf", "xacro", "mjcf", "ur-driver", "franka", "xarm"]
 _MOST_LISTED = 4
 
 
@@ -26,8 +28,10 @@ def export_urdf(
         Reader,
         typer.Option(
             "--for",
-            help="Who reads the file: urdf is any program that reads URDF, ur-driver the ROS driver of Universal "
-            "Robots, which takes a calibration.yaml.",
+            help="Who reads the file: urdf is any program that reads URDF, xacro a description of your own, which "
+            "includes a macro, mjcf MuJoCo, with the play and the compliance of each joint; ur-driver the ROS driver "
+            "of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these makers, "
+            "which take a kinematics.yaml.",
         ),
     ] = "urdf",
     calibration_hash: Annotated[
@@ -39,35 +43,105 @@ def export_urdf(
             "that the driver reports as not the controller's. With --for ur-driver.",
         ),
     ] = None,
+    friction_of: Annotated[
+        Path | None,
+        typer.Option(
+            "--friction-of",
+            metavar="RUN",
+            help="Run whose motor currents show the friction of the joints; default: no friction. With --for mjcf.",
+        ),
+    ] = None,
+    nm_per_a: Annotated[
+        str | None,
+        typer.Option(
+            "--nm-per-a",
+            metavar="NUMBERS",
+            help="Torque at each joint for one ampere of its motor, separated by commas, from the maker's data sheet. "
+            "With --friction-of.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write, which must not exist; default: the screen.")
     ] = None,
 ) -> None:
-    """Write the arm of a rig file as a URDF, with the joint zeros and link constants that were found.
+    """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
 
-    Compliance, waves and plays are not geometry: they stay behind, and the command says how much that is.
+    Waves of gears are not geometry, and plays and compliances are so in no format but MJCF: they stay behind, and the
+    command says how much that is.
     """
-    from analysis.arms.ur_driver import ur_driver_text
-    from analysis.arms.urdf_text import urdf_text
     from analysis.correction.geometric_share import geometric_share
     from analysis.model.predict import geometric_arm, model_of
     from rigs.load import load
 
-    if calibration_hash is not None and reader == "urdf":
-        raise typer.BadParameter("a URDF has no hash; add --for ur-driver", param_hint="--hash")
+    if calibration_hash is not None and reader != "ur-driver":
+        raise typer.BadParameter("only calibration.yaml has a hash; add --for ur-driver", param_hint="--hash")
+    if friction_of is not None and reader != "mjcf":
+        raise typer.BadParameter("only MJCF has friction; add --for mjcf", param_hint="--friction-of")
+    if (friction_of is None) != (nm_per_a is None):
+        raise typer.BadParameter("give the run and the torques for each ampere together", param_hint="--friction-of")
     rig, _ = load(rig_file)
     model = model_of(rig)
     arm, carried = geometric_arm(model), _carried(geometric_share(model))
-    if reader == "urdf":
-        text = urdf_text(rig.robot, arm, rig_file, [carried])
-    else:
+    if reader == "ur-driver":
+        from analysis.arms.ur_driver import ur_driver_text
+
         text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
+    elif reader == "mjcf":
+        text, carried = _mjcf(rig, arm, rig_file, carried, friction_of, nm_per_a)
+    else:
+        text = _geometry(reader, rig, arm, rig_file, carried)
     write_section(text, output)
     say(carried, err=True)
     if rig.robot.rail:
         say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
     if reader == "ur-driver":
         _say_of_the_driver(calibration_hash)
+    elif reader in ("franka", "xarm"):
+        say("base and tool of the rig file are not in it: it goes from the robot's base to its flange", err=True)
+
+
+def _geometry(reader: Reader, rig: Rig, arm: Arm, where: str, carried: str) -> str:
+    """The text of a format that holds the geometry alone."""
+    from analysis.arms.driver_kinematics import driver_kinematics
+    from analysis.arms.urdf_text import urdf_text
+    from analysis.arms.xacro_text import xacro_text
+
+    if reader == "urdf":
+        return urdf_text(rig.robot, arm, where, [carried])
+    if reader == "xacro":
+        return xacro_text(rig.robot, arm, where, [carried])
+    return driver_kinematics(rig.robot, arm, reader, where, [carried])
+
+
+def _mjcf(
+    rig: Rig, arm: Arm, where: str, carried: str, friction_of: Path | None, nm_per_a: str | None
+) -> tuple[str, str]:
+    """The text of MJCF, and what it holds of the model, as sentences."""
+    import analysis
+    from analysis.arms.mjcf_text import mjcf_text
+    from analysis.correction.joint_traits import friction_nm, joint_traits, torques_of
+    from rigs.errors import FileError
+
+    friction: dict[int, float] = {}
+    if friction_of is not None and nm_per_a is not None:
+        torques = torques_of(nm_per_a)
+        friction = friction_nm(analysis.load_run(friction_of).condition.friction or {}, torques)
+        if not friction:
+            what = "shows no friction: it has no motor currents, or no joint turns back in motion"
+            raise FileError(str(friction_of), what, "give a run of a circle with the currents of the motors")
+    traits = joint_traits(rig, friction)
+    parts = [
+        f"{what} of axis {', '.join(map(str, sorted(of)))}"
+        for what, of in (
+            ("play", traits.play_deg),
+            ("compliance", traits.compliance_deg_per_nm),
+            ("friction", traits.friction_nm),
+        )
+        if of
+    ]
+    held = f"In hinges beside the joints' own: {'; '.join(parts)}." if parts else "No play or compliance was found."
+    text = mjcf_text(rig.robot, arm, traits, where, [carried, held])
+    return text, f"{carried} {held}"
 
 
 def _carried(share: GeometricShare) -> str:

@@ -15,8 +15,7 @@ from analysis.cli.options import AsJson, Jobs, Scheduler, location
 from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
-    from analysis.fleet.gather import Fleet
-    from analysis.fleet.known import Progress
+    from analysis.fleet.gather import Fleet, Progress
     from analysis.history.collect import Workers
 
 

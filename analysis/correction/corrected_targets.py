@@ -131,7 +131,7 @@ def corrected_angles(
     }
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
-    angles[done], reached[done] = _moved(model, q[done])
+    angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
     skipped |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
     skipped |= {target.place: target for target in _beyond_limits(model.arm, angles) if reached[target.place]}
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
@@ -139,23 +139,22 @@ def corrected_angles(
     return angles, done, [skipped[k] for k in sorted(skipped)]
 
 
-def _moved(model: Model, q: Array) -> tuple[Array, Mask]:
-    """Return the angles (n, 6) rad at which the tool of a model stands where the nominal arm's does at q (n, 6) rad,
-    and for which (n,) there are any."""
-    nominal = forward(model.arm, q)
-    command, angles, reached_nominal = nominal.copy(), q.copy(), np.zeros(len(q), dtype=bool)
+def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
+    """Return the angles (n, 6) rad, from q (n, 6) rad on, at which the tool of a model stands at poses `wanted`
+    (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q."""
+    command, angles, reached_wanted = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
     rows = np.arange(len(q))
     for _ in range(_ROUNDS):
         reached = tool_poses(model, angles[rows])
-        near = (np.abs(pose_error(reached, nominal[rows])) * [1, 1, 1, 1e3, 1e3, 1e3]).max(axis=1) < _REACHED
-        reached_nominal[rows[near]] = True
+        near = (np.abs(pose_error(reached, wanted[rows])) * [1, 1, 1, 1e3, 1e3, 1e3]).max(axis=1) < _REACHED
+        reached_wanted[rows[near]] = True
         rows = rows[~near]
         if not len(rows):
             break
-        command[rows] = command[rows] @ np.linalg.inv(reached[~near]) @ nominal[rows]
+        command[rows] = command[rows] @ np.linalg.inv(reached[~near]) @ wanted[rows]
         angles[rows], good = newton(model.arm, command[rows], angles[rows])
         rows = rows[good]
-    return angles, reached_nominal
+    return angles, reached_wanted
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from daq.protocol.conversation import Device, Host
+from rigs.plugins import driver_of
 from rigs.schema.gauges import Gauge
 
 Read = Callable[[int], Sequence[float]]
@@ -18,11 +19,11 @@ Read = Callable[[int], Sequence[float]]
 
 def host(gauges: Sequence[Gauge]) -> Host:
     """Return our side of the conversation on the link that these gauges share."""
-    conversation: Host = import_module(f"daq.gauges.{gauges[0].interface}").host(gauges)
+    conversation: Host = import_module(driver_of(gauges[0], __name__)).host(gauges)
     return conversation
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
     """Return the instrument's side of the conversation on the link that these gauges share."""
-    conversation: Device = import_module(f"daq.gauges.{gauges[0].interface}").device(gauges, read)
+    conversation: Device = import_module(driver_of(gauges[0], __name__)).device(gauges, read)
     return conversation

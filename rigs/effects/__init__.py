@@ -1,7 +1,8 @@
 """The vocabulary of effects: why link side = reported + effect. One effect a file of this folder, named as the effect.
 
-A file that is put here is at once an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and
-correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
+A file that is put here, or a class of another package that is offered to `rig.effects` (`rigs/plugins.py`), is at once
+an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction: `rigs.effects.X` is its
+class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
+from rigs import plugins
 from rigs.schema.effect import AT_AXIS, healthy, size_fields
 from rigs.schema.effect import Effect as Effect
 from rigs.schema.effect import Found as Found
@@ -25,17 +27,35 @@ from rigs.schema.effect import size_field as size_field
 
 def _class_in(name: str) -> type[Effect]:
     """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
-    held = vars(importlib.import_module(f"{__name__}.{name}")).values()
-    for one in held:
-        if isinstance(one, type) and issubclass(one, Effect) and one.model_fields["effect"].default == name:
-            missing = sorted(one.__abstractmethods__) + ["STAGE"] * (not hasattr(one, "STAGE"))
-            if missing := missing + ["its one size"] * (len(size_fields(one)) != 1):
-                raise ImportError(f"rigs/effects/{name}.py: {one.__name__} does not say {', '.join(missing)}")
-            return one
+    members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
+    for member in members:
+        is_effect = isinstance(member, type) and issubclass(member, Effect)
+        if is_effect and member.model_fields["effect"].default == name:
+            return _whole(f"rigs/effects/{name}.py", member)  # type: ignore[type-abstract]
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
 
-VOCABULARY: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
+def _whole(name: str, cls: type[Effect]) -> type[Effect]:
+    """The class, which says all that an effect has to say of itself. Raises ImportError."""
+    missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
+    if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
+        raise ImportError(f"{name}: {cls.__name__} does not say {', '.join(missing)}")
+    return cls
+
+
+def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
+    """The whole effects that other packages offer."""
+    found = {}
+    for name, cls in plugins.offered("rig.effects", Effect, own).items():
+        try:
+            found[name] = _whole(name, cls)
+        except ImportError as reason:
+            plugins.BROKEN[name] = f"the effect {name} of another package cannot be used: {reason}"
+    return found
+
+
+_OWN: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
+VOCABULARY: dict[str, type[Effect]] = dict(sorted((_OWN | _of_others(frozenset(_OWN))).items()))
 """Every effect by name, in the order of the alphabet."""
 
 if TYPE_CHECKING:
@@ -47,12 +67,12 @@ else:
 
 def turned(axis: int, angle_deg: float) -> Effect:
     """The effect that turns a joint (1 … 6) by a constant: what scatters, and what derivatives are taken by."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.turning(axis, angle_deg)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.turning(axis, angle_deg)))
 
 
 def changed(axis: int, key: str, delta: float) -> Effect:
     """The effect that changes a constant of an axis (1 … 6), called as in the rig file, by delta mm or degrees."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.changing(axis, key, delta)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.changing(axis, key, delta)))
 
 
 def play_of_joint(axis: int, width_deg: float) -> Effect:
@@ -63,7 +83,7 @@ def play_of_joint(axis: int, width_deg: float) -> Effect:
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
     """The effect that is a swing of the link."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.swinging(frequency_hz, amplitude_mm)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.swinging(frequency_hz, amplitude_mm)))
 
 
 @cache

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from rigs.plugins import extended
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
@@ -253,9 +254,9 @@ class KUKARSI(_Feedback):
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        known = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
-        if unknown := [name for name in condition if name not in known]:
-            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(known)}")
+        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        if unknown := [name for name in condition if name not in parts]:
+            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(parts)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
             raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
         return condition
@@ -336,6 +337,8 @@ Feedback = Annotated[
     URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates | OPCUARobotics,
     Field(discriminator="interface"),
 ]
+if not TYPE_CHECKING:
+    Feedback = extended(Feedback, "rig.robots", Part)
 
 
 def carries_signal(feedback: Feedback) -> bool:

@@ -144,7 +144,7 @@ class Program:
     """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
     at any moment beside it, and those that may be left at any place, after which the program goes on anywhere.
 
-    A part of the families `kept` stays what any routine, also one that nobody calls, has made it: a program may have
+    A part of the families `kept` stays what any routine, also one without a call, has made it: a program may have
     been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
     all parts as they are where it ends."""
 

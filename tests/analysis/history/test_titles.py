@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from analysis.history.history import _programs, title_of
+from analysis.history.history import _programs, title_of  # private: what two programs are called, without runs
 from analysis.history.records import Record
 
 RUN = Record("r", "f", "cell", "2026-11-26T03:00:00+00:00", "yaw", "cw", "left", program="0c441c75")

@@ -1,0 +1,136 @@
+"""An arm as kinematics.yaml of a maker's ROS description: one entry a joint, its origin in the link before it.
+
+A description draws its meshes in link frames of its own choice. Both chains of frames, the maker's and that of the rig
+file, turn about the same axes and sit on the same links, so that each pair differs by a frame that is constant: it is
+taken from the nominal arm, and the calibrated arm is written with it. Meshes stay where the maker put them. The base
+and the tool of a rig file have no place in such a file.
+
+The nominal origins are those of the makers' own files: frankaemika/franka_description, robots/fer/kinematics.yaml,
+commit 1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default,
+commits a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
+dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints stand in the URDF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from analysis.arms.joint_origins import joint_origins, joint_senses, metres_and_rpy
+from analysis.kinematics.arm import Arm, Array, arm_of, transform
+from rigs.errors import FileError
+from rigs.schema.robot import Pose, Robot
+from rigs.text import plain
+
+Origin = tuple[float, float, float, float, float, float]
+"""x, y, z in mm and roll, pitch, yaw in degrees."""
+_SAME_MM, _SAME_RAD = 0.5, 1e-4
+"""How far the axes of the rig file's nominal arm may be from the maker's. Data sheets round to a tenth of a mm."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a maker's description writes its joints: their nominal origins, that of the flange where the file has one,
+    and the keys above and below the name of a joint."""
+
+    origins: tuple[Origin, ...]
+    flange: Origin | None = None
+    above: str | None = None
+    below: str | None = None
+
+
+_FRANKA = Layout(
+    origins=(
+        (0, 0, 333, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (0, -316, 0, 90, 0, 0),
+        (82.5, 0, 0, 90, 0, 0),
+        (-82.5, 384, 0, -90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (88, 0, 0, 90, 0, 0),
+    ),
+    flange=(0, 0, 107, 0, 0, 0),
+    below="kinematic",
+)
+_XARM_6 = Layout(
+    origins=(
+        (0, 0, 267, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (53.5, -284.5, 0, 0, 0, 0),
+        (77.5, 342.5, 0, -90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (76, 97, 0, -90, 0, 0),
+    ),
+    above="kinematics",
+)
+_XARM_7 = Layout(
+    origins=(
+        (0, 0, 267, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (0, -293, 0, 90, 0, 0),
+        (52.5, 0, 0, 90, 0, 0),
+        (77.5, -342.5, 0, 90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (76, 97, 0, -90, 0, 0),
+    ),
+    above="kinematics",
+)
+LAYOUTS: dict[str, tuple[Layout, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
+"""The layouts of each maker's description."""
+
+
+def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return kinematics.yaml of a calibrated arm for the description of a maker.
+
+    robot: the nominal arm of the rig file. arm: the calibrated arm. maker: a key of LAYOUTS. where: the rig file, for
+    errors. remarks: lines at the head. Raises FileError for an arm that is not built as one of the maker.
+    """
+    joint_senses(arm, where, "kinematics.yaml")
+    layout = _layout(arm_of(robot), maker, where)
+    between = _between(arm_of(robot), layout)
+    before = [np.eye(4), *between[:-1]]
+    origins = [
+        np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
+    ]
+    if layout.flange is not None:
+        origins.append(np.linalg.inv(between[-1]))
+    entries: dict[str, object] = {}
+    for number, T in enumerate(origins, start=1):
+        xyz, rpy = metres_and_rpy(T)
+        entry = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+        entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
+    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
+    return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
+
+
+def _layout(nominal: Arm, maker: str, where: str) -> Layout:
+    """The layout whose axes are those of the nominal arm. Raises FileError where there is none."""
+    for layout in LAYOUTS[maker]:
+        if len(layout.origins) == nominal.axes and _fits(_between(nominal, layout), layout):
+            return layout
+    what = f"the arm is not built as one for which {maker} has a kinematics.yaml"
+    raise FileError(f"{where}, robot.axes", what, "write a URDF or a xacro instead: they describe any arm")
+
+
+def _between(nominal: Arm, layout: Layout) -> list[Array]:
+    """The maker's frame (4, 4) mm of each link in that of the rig file, all joints at zero; of the last link the flange
+    of both is the same, so that its frame follows from there where the file has a flange."""
+    ours, theirs, found = np.eye(4), np.eye(4), []
+    for T, origin in zip(joint_origins(nominal), layout.origins, strict=True):
+        ours, theirs = ours @ T, theirs @ _frame(origin)
+        found.append(np.linalg.inv(ours) @ theirs)
+    return found
+
+
+def _fits(between: Sequence[Array], layout: Layout) -> bool:
+    """Whether each pair of frames has its axis in common, and the flange of both is one."""
+    axes = all(np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between)
+    flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
+    return axes and bool(np.abs(flange - np.eye(4)).max() < _SAME_MM)
+
+
+def _frame(origin: Origin) -> Array:
+    return transform(Pose(xyz_mm=origin[:3], rpy_deg=origin[3:]))

@@ -1,0 +1,156 @@
+"""Two arms of one model compared pose by pose: how far apart their tools are at the same joint angles.
+
+Whoever moves a program from one arm to another asks this. In the robots' bases it is the whole difference; with frame
+and tool taught with each arm, what is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.correction.calibrated_arm import CalibratedArm
+from analysis.correction.joint_traits import joint_traits
+from analysis.correction.taught_frame import rest_mm
+from analysis.kinematics.arm import Array, pose_error
+from analysis.model.geometric_arm import geometric_arm
+from analysis.model.predict import model_of
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.robot import Pose
+
+_POSTURES = 200
+"""Chosen: the rms of so many is certain to 5 %."""
+_OTHER_MODEL_MM = 20.0
+"""Arms of one model, calibrated or not, are built to some mm; beyond this the nominal constants are of two models."""
+_CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
+
+
+@dataclass(frozen=True)
+class ArmsApart:
+    """The tool of `other` less that of `rig`, in the bases of the arms, with the tool of `rig` on both.
+
+    q_deg (n, axes): postures within the limits of both, and within the joint angles of the runs behind both where these
+    are known. apart_mm (n, 3), turned_deg (n,): place and orientation. taught_mm (n,): what is left of the place with
+    frame and tool taught. u_mm (n,): the standard uncertainty of the difference, NaN where either arm has none.
+    constants: by axis, the constants that differ. doubts in words.
+    """
+
+    names: tuple[str, str]
+    q_deg: Array
+    apart_mm: Array
+    turned_deg: Array
+    taught_mm: Array
+    u_mm: Array
+    constants: tuple[dict[str, float], ...]
+    play_deg: tuple[dict[int, float], dict[int, float]]
+    doubts: tuple[str, ...]
+
+    @property
+    def distance_mm(self) -> Array:
+        """How far apart the tools are (n,) mm."""
+        distance: Array = np.linalg.norm(self.apart_mm, axis=1)
+        return distance
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it in plain types, None for what is not known."""
+        return {
+            "arms": list(self.names),
+            "rms_mm": _rms(self.distance_mm),
+            "max_mm": float(self.distance_mm.max()),
+            "taught_rms_mm": _rms(self.taught_mm),
+            "turned_rms_deg": _rms(self.turned_deg),
+            "u_rms_mm": None if np.isnan(self.u_mm).any() else _rms(self.u_mm),
+            "constants": [dict(one) for one in self.constants],
+            "play_deg": [{str(axis): width for axis, width in one.items()} for one in self.play_deg],
+            "doubts": list(self.doubts),
+            "poses": [
+                {
+                    "q_deg": q,
+                    "apart_mm": apart,
+                    "turned_deg": turned,
+                    "taught_mm": taught,
+                    "u_mm": None if np.isnan(u) else float(u),
+                }
+                for q, apart, turned, taught, u in zip(
+                    self.q_deg.tolist(),
+                    self.apart_mm.tolist(),
+                    self.turned_deg.tolist(),
+                    self.taught_mm.tolist(),
+                    self.u_mm,
+                    strict=True,
+                )
+            ],
+        }
+
+
+def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
+    """Return how far apart two arms of one model are. Raises FileError for arms of two models."""
+    arms = tuple(CalibratedArm(_on_its_base(one, rig)) for one in (rig, other))
+    q_deg = _postures(*arms)
+    nominal = [CalibratedArm(one.rig.model_copy(update={"effects": (), "calibrated": None})) for one in arms]
+    first, second = (one.forward(q_deg).T[:, :3, 3] for one in nominal)
+    if _rms(np.linalg.norm(second - first, axis=1)) > _OTHER_MODEL_MM:
+        what = f"its arm is built otherwise than that of {rig.name}: {other.robot.name}, not {rig.robot.name}"
+        raise FileError(other.name, what, "compare arms of one model")
+    found = [one.forward(q_deg) for one in arms]
+    difference = pose_error(found[0].T, found[1].T)
+    return ArmsApart(
+        (rig.name, other.name),
+        q_deg,
+        difference[:, :3],
+        np.degrees(np.linalg.norm(difference[:, 3:], axis=1)),
+        rest_mm(found[1].T[:, :3, 3], found[0].T),
+        np.hypot(found[0].u_mm, found[1].u_mm),
+        _constants(arms[0].rig, arms[1].rig),
+        (dict(joint_traits(rig).play_deg), dict(joint_traits(other).play_deg)),
+        tuple(_doubts(arms)),
+    )
+
+
+def _on_its_base(rig: Rig, tool_of: Rig) -> Rig:
+    """A rig with its arm in the origin and the tool of another: both are set up by whoever mounts the arm."""
+    robot = rig.robot.model_copy(update={"base": Pose(), "tool": tool_of.robot.tool, "rail": None})
+    return rig.model_copy(update={"robot": robot})
+
+
+def _postures(one: CalibratedArm, other: CalibratedArm) -> Array:
+    """Postures (n, axes) in degrees that both arms can take. Raises FileError where there are none."""
+    robots = [arm.rig.robot for arm in (one, other)]
+    if len({len(robot.axes) for robot in robots}) > 1:
+        what = f"its arm has {len(robots[1].axes)} axes, that of {one.rig.name} has {len(robots[0].axes)}"
+        raise FileError(other.rig.name, what, "compare arms of one model")
+    ranges = [[axis.limits_deg for axis in robot.axes] for robot in robots]
+    ranges += [list(arm.rig.calibrated.joints_deg) for arm in (one, other) if arm.rig.calibrated]
+    low, high = np.array(ranges)[:, :, 0].max(axis=0), np.array(ranges)[:, :, 1].min(axis=0)
+    if (low > high).any():
+        axis = int(np.flatnonzero(low > high)[0]) + 1
+        what = f"the two have no angle of axis {axis} in common, by their limits and the runs behind them"
+        raise FileError(other.rig.name, what, "calibrate both over the same angles")
+    postures: Array = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
+    return postures
+
+
+def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
+    """By axis, by how much each constant of the other arm is more: zeros and angles in degrees, lengths in mm."""
+    arms = [geometric_arm(model_of(rig)) for rig in (one, other)]
+    found = []
+    for axis in range(arms[0].axes):
+        differences = {
+            name: float(getattr(arms[1], key)[axis] - getattr(arms[0], key)[axis]) for name, key in _CONSTANTS
+        }
+        found.append(
+            {name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()}
+        )
+    return tuple(found)
+
+
+def _doubts(arms: tuple[CalibratedArm, ...]) -> list[str]:
+    nothing = [arm.rig.name for arm in arms if not model_of(arm.rig).effects]
+    return [f"{name} has no effects and no calibration: it is compared as its data sheet has it" for name in nothing]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,89 @@
+"""The calibrations of a robot as versions: rig files that name a calibration, each as a diagnosis left it.
+
+A version is a rig file with its calibration: the effects that the file names were found beside those that the
+calibration holds, and neither is right without the other. Nothing is thrown away: what a version replaces stays beside
+it under a name with its date.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.files.write import holding, write_all_new, write_all_over
+from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
+from rigs.errors import FileError, RigError
+from rigs.load import load
+
+_MOST = 10_000
+"""Rig files that are looked at below a folder: a folder of more is not one of a robot's calibrations."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A rig file with its calibration. in_use: whether the rig file that was asked about has the same calibration."""
+
+    path: Path
+    calibrated: CalibratedModel
+    sha256: str
+    in_use: bool
+
+
+def versions(rig_file: Path, folder: Path) -> list[Version]:
+    """Return the calibrations below a folder of the arm of a rig file, the newest first; what is not a rig file, of
+    another robot or without a calibration is no version. Raises FileError where the rig file cannot be read."""
+    rig, _ = load(rig_file)
+    found = []
+    for path in sorted(folder.rglob("*.y*ml"))[:_MOST]:
+        try:
+            other, _ = load(path)
+        except RigError:
+            continue
+        if other.calibration and other.calibrated and other.robot.name == rig.robot.name:
+            digest = other.calibration.sha256
+            in_use = rig.calibration is not None and rig.calibration.sha256 == digest
+            found.append(Version(path, other.calibrated, digest, in_use))
+    return sorted(found, key=lambda one: (one.calibrated.date, str(one.path)), reverse=True)
+
+
+@dataclass(frozen=True)
+class RolledBack:
+    """What was written: kept, the rig file as it was; calibration, the file that the rig file names now. differing: the
+    keys of a rig file beside effects and calibration whose content is not what it was."""
+
+    kept: Path
+    calibration: Path
+    differing: tuple[str, ...]
+
+
+def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
+    """Put a version in the place of a rig file, which is kept under a name with the time.
+
+    now: the time in the name of what is kept. Raises FileError where either cannot be read, the version has no
+    calibration or is of another robot, or is the file itself; CellError when the disk refuses. The rig file is the old
+    one or the new one at every moment.
+    """
+    rig, text = load(rig_file)
+    other, other_text = load(version)
+    if rig_file.resolve() == version.resolve():
+        raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
+    if other.calibration is None or other.calibrated is None:
+        raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
+    if (other.robot.name, other.robot.serial) != (rig.robot.name, rig.robot.serial):
+        what = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
+        raise FileError(str(version), what, "name a version of this robot")
+    content = other.calibrated.content
+    digest = hashlib.sha256(content).hexdigest()
+    named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)
+    new = extended(other_text, (), str(version), named)
+    kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S}{rig_file.suffix}")
+    write_all_new(rig_file.parent, {kept.name: holding(text.encode())})
+    write_all_over(rig_file.parent, {named.file: holding(content)})
+    write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})
+    beside = ("effects", "calibration", "name")
+    fields = [name for name in type(rig).model_fields if name not in beside]
+    differing = tuple(name for name in fields if getattr(rig, name) != getattr(other, name))
+    return RolledBack(kept, rig_file.parent / named.file, differing)

@@ -1,0 +1,75 @@
+"""Gauges, robot interfaces and effects of other packages, which offer them as entry points: no fork is needed.
+
+A package says in its pyproject.toml which of its classes joins which group, under the name that a rig file has:
+
+    [project.entry-points."rig.gauges"]
+    example_dial = "cell_dial.schema:ExampleDial"
+
+One that cannot be used is left out, and a rig file that names it is told why: rig goes on for every other cell.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+from importlib.metadata import EntryPoint, entry_points
+from operator import or_
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import BaseModel, Field
+
+Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
+_KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
+"""The key of a rig file that holds the name of a class of each group."""
+BROKEN: dict[str, str] = {}
+"""Why an offered name cannot be used, by the name."""
+C = TypeVar("C", bound=BaseModel)
+
+
+@cache
+def _offers() -> tuple[EntryPoint, ...]:
+    """What all packages offer. An environment of a hundred packages is looked through in some hundredths of a second,
+    once."""
+    found = entry_points()
+    return tuple(offer for group in _KEY for offer in found.select(group=group))
+
+
+def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
+    """Return the classes that other packages offer to a group, by name. base: what each is a kind of; taken: the names
+    that are rig's own."""
+    found: dict[str, type[C]] = {}
+    for offer in sorted((one for one in _offers() if one.group == group), key=lambda one: one.name):
+        package = offer.dist.name if offer.dist else offer.value
+        try:
+            if offer.name in taken or offer.name in found:
+                raise ImportError("another has this name")
+            found[offer.name] = _checked(offer, group, base)
+        except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
+            BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"
+    return found
+
+
+def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
+    """Return a discriminated union with the classes that other packages offer to a group."""
+    own = get_args(get_args(union)[0])
+    names = frozenset(name for one in own for name in get_args(one.model_fields[_KEY[group]].annotation))
+    more = offered(group, base, names)
+    return Annotated[reduce(or_, (*own, *more.values())), Field(discriminator=_KEY[group])] if more else union
+
+
+def driver_of(part: BaseModel, folder: str) -> str:
+    """Return the module that speaks to a gauge or robot of a rig file: what its class names as `driver`, or the file of
+    rig's own folder."""
+    return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]
+
+
+def _checked(offer: EntryPoint, group: Group, base: type[C]) -> type[C]:
+    """The class of an offer. Raises ImportError, or whatever its module raises."""
+    cls = offer.load()
+    key = _KEY[group]
+    if not (isinstance(cls, type) and issubclass(cls, base)):
+        raise ImportError(f"{offer.value} is no {base.__name__}")
+    if key not in cls.model_fields or get_args(cls.model_fields[key].annotation) != (offer.name,):
+        raise ImportError(f"its key {key} is not {offer.name!r}")
+    if group != "rig.effects" and not getattr(cls, "driver", ""):
+        raise ImportError("it does not say in `driver` which module speaks to it")
+    return cls

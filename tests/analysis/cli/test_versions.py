@@ -1,0 +1,70 @@
+"""`rig versions`: which calibrations there are, and back to one with nothing lost."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from pathlib import Path
+
+import pytest
+
+from rigs.load import load
+from tests.support.command_line import ran
+from tests.support.handmade_calibration import calibrated_model, written
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> tuple[Path, Path]:
+    """A rig file with the calibration of November, and one of March below it."""
+    march, _ = written(tmp_path / "march", calibrated_model(date=dt.date(2026, 3, 1), calibrated_um=3.4))
+    now, _ = written(tmp_path)
+    return now, march
+
+
+def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
+    now, march = robot
+    (now.parent / "other.yaml").write_text("no: rig\n", encoding="utf-8")
+    seen = json.loads(ran("versions", now, "--json").stdout)["versions"]
+    assert [(one["path"], one["date"], one["in_use"]) for one in seen] == [
+        (str(now), "2026-11-20", True),
+        (str(march), "2026-03-01", False),
+    ]
+    done = ran("versions", now)
+    assert "in use" in done.stdout
+    assert f"rig compare {now} {march}" in done.stderr.replace("\n", " ")
+
+
+def test_going_back_keeps_what_was(robot: tuple[Path, Path]) -> None:
+    now, march = robot
+    before, old = now.read_text(encoding="utf-8"), load(march)[0]
+    done = ran("versions", now, "--back-to", march)
+    assert done.returncode == 0, done.stderr
+    rig, _ = load(now)
+    assert rig.calibrated.calibrated_um == 3.4
+    assert rig.effects == old.effects
+    (kept,) = now.parent.glob("cell-until-*.yaml")
+    assert kept.read_text(encoding="utf-8") == before
+    assert load(kept)[0].calibrated.calibrated_um == 1.9, "its calibration is still beside it"
+    assert ran("versions", now, "--back-to", kept).returncode == 0
+    assert load(now)[0].calibrated.calibrated_um == 1.9
+
+
+def test_what_else_differs_is_said(robot: tuple[Path, Path]) -> None:
+    now, march = robot
+    text = march.read_text(encoding="utf-8")
+    march.write_text(text.replace("description: Elbow arm", "description: Another set-up"), encoding="utf-8")
+    done = ran("versions", now, "--back-to", march)
+    assert done.returncode == 0
+    assert "beside the calibration description are those of" in " ".join(done.stderr.split())
+
+
+def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> None:
+    now, march = robot
+    text = march.read_text(encoding="utf-8").replace("robot:\n", "robot:\n  serial: B-2\n", 1)
+    march.write_text(text, encoding="utf-8")
+    before = now.read_bytes()
+    done = ran("versions", now, "--back-to", march)
+    assert done.returncode == 3
+    assert "another robot" in done.stderr
+    assert now.read_bytes() == before
+    assert ran("versions", now, "--back-to", now).returncode == 3

@@ -1,0 +1,80 @@
+"""Forward and inverse kinematics of the calibrated arm, as scripts ask for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import calibrated_arm
+from analysis.correction.work import tool_poses
+from analysis.model.predict import model_of
+from rigs.effects import Backlash, Compliance
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.changed_arms import changed, within_limits
+from tests.support.handmade_calibration import calibrated_model, written
+
+SOFT = Compliance(axis=2, deg_per_Nm=5e-4)
+
+
+@pytest.mark.parametrize("name", ["ur10e", "franka-fr3"])
+def test_angles_of_poses_lead_back_to_the_poses(name: str) -> None:
+    rig = changed(name)
+    rig = rig.model_copy(update={"effects": (*rig.effects, SOFT)})
+    arm, q_deg = calibrated_arm(rig), np.degrees(within_limits(rig, 6))
+    poses = arm.forward(q_deg)
+    np.testing.assert_array_equal(poses.T, tool_poses(model_of(rig), np.radians(q_deg)))
+    found = arm.inverse(poses.T, near_deg=q_deg[0])
+    assert found.reached.all()
+    np.testing.assert_allclose(arm.forward(found.q_deg).T, poses.T, atol=2e-6)
+    nearest = 1e-6 if len(rig.robot.axes) == 6 else 0.01  # of seven axes no posture is the only one of a pose
+    np.testing.assert_allclose(found.q_deg[0], q_deg[0], atol=nearest)
+    limits = np.array([axis.limits_deg for axis in rig.robot.axes])
+    assert ((found.q_deg >= limits[:, 0] - 1e-6) & (found.q_deg <= limits[:, 1] + 1e-6)).all()
+
+
+def test_a_pose_beyond_the_reach_has_no_angles() -> None:
+    arm = calibrated_arm("ur10e")
+    far = np.eye(4)
+    far[:3, 3] = [5000.0, 0.0, 0.0]
+    found = arm.inverse(far[None])
+    assert not found.reached.any()
+    assert np.isnan(found.q_deg).all()
+    assert np.isnan(found.u_mm).all()
+
+
+def test_of_an_arm_of_which_nothing_was_found_nothing_is_certain() -> None:
+    assert np.isnan(calibrated_arm("ur10e").forward(np.zeros((1, 6))).u_mm).all()
+
+
+def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Path) -> None:
+    rig, _ = load(written(tmp_path, calibrated_model())[0])
+    q_deg = np.array([[0.0, 0, 0, 0, -60, 0], [100.0, 0, 0, 0, -60, 0]])
+    found = calibrated_arm(rig).forward(q_deg)
+    assert found.covered.tolist() == [False, False]
+    without_play = calibrated_arm(rig.model_copy(update={"effects": ()})).forward(q_deg)
+    play = calibrated_arm(rig.model_copy(update={"effects": (Backlash(axis=1, width_deg=0.2),)})).forward(q_deg)
+    assert (without_play.u_mm > 0).all()
+    assert (without_play.u_mm < found.u_mm).all()
+    assert (found.u_mm < play.u_mm).all()
+
+
+def test_what_is_no_frame_and_no_posture_is_refused() -> None:
+    arm = calibrated_arm("ur10e")
+    for T in (np.zeros((1, 4, 4)), np.diag([1.0, 1, -1, 1])[None], np.eye(3)[None], np.full((1, 4, 4), np.nan)):
+        with pytest.raises(FileError, match=r"^T: "):
+            arm.inverse(T)
+    for q_deg in (np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.inf)):
+        with pytest.raises(FileError, match="q_deg"):
+            arm.forward(q_deg)
+
+
+def test_of_an_arm_of_five_axes_no_pose_is_asked_for() -> None:
+    rig, _ = load("ur10e")
+    robot = rig.robot.model_copy(update={"axes": rig.robot.axes[:5]})
+    arm = replace(calibrated_arm("ur10e"), rig=rig.model_copy(update={"robot": robot}))
+    with pytest.raises(FileError, match="5 axes"):
+        arm.inverse(np.eye(4)[None])

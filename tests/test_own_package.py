@@ -1,0 +1,104 @@
+"""The pages of docs/how-to, *in a package of your own*: installed beside rig and used, without a change of rig."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.support.how_to import HOW_TO, ROOT, blocks, run
+
+pytestmark = pytest.mark.cpu_limit(60)
+PAGES = {"cell_dial": "add-a-gauge.md", "cell_arm": "add-a-robot-interface.md", "cell_bow": "add-an-effect.md"}
+EXAMPLES = {"cell_dial": "gauge", "cell_arm": "robot", "cell_bow": "effect"}
+
+
+def installed(site: Path, package: str) -> None:
+    """Make the package of a page in a directory of packages, with what an installer writes of its entry points."""
+    (toml,) = blocks(PAGES[package], "toml")
+    project = tomllib.loads(toml)["project"]
+    (files,) = (block for block in blocks(PAGES[package], "text") if package in block)
+    (site / package).mkdir()
+    for line in files.splitlines():
+        name, source = line.replace(",", " ").split()[:2]
+        text = (HOW_TO / "examples" / EXAMPLES[package] / source).read_text(encoding="utf-8")
+        text = re.sub(r"rigs\.schema\.example_\w+", f"{package}.schema", text)
+        if name.endswith("schema.py"):
+            driver = f'    driver: ClassVar[str] = "{package}.protocol"\n    origin: '
+            text = text.replace("    origin: ", driver, 1)
+        (site / name).write_text(text, encoding="utf-8")
+    offers(site, project["name"], project["entry-points"])
+
+
+def offers(site: Path, name: str, points: dict[str, dict[str, str]]) -> None:
+    info = site / f"{name.replace('-', '_')}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
+    lines = [
+        f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in of.items()) for group, of in points.items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tree of rig in which the three packages are installed beside it."""
+    tree = tmp_path_factory.mktemp("site")
+    for name in ("rigs", "daq", "analysis"):
+        (tree / name).symlink_to(ROOT / name)
+    for package in PAGES:
+        installed(tree, package)
+    offers(tree, "half-done", {"rig.gauges": {"half_done": "nowhere.at_all:Gauge", "tesa_tt": "cell_dial.schema:X"}})
+    return tree
+
+
+USED = """
+import sys
+from daq.gauges import device, host
+from daq.feedback import host as robot_host
+from rigs.effects import VOCABULARY
+from rigs.interfaces import known, models
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+gauges = {one.model_fields["interface"].annotation.__args__[0]: one for one in models(Gauge)}
+robots = {one.model_fields["interface"].annotation.__args__[0]: one for one in models(Feedback)}
+dial = gauges["example_dial"](interface="example_dial", port="/dev/null", offset_mm=25)
+ours, theirs = host([dial]), device([dial], lambda now_ns: [1.25])
+print(type(ours).__name__, theirs.received(b"D\\r", 0).send)
+print(type(robot_host(robots["example_arm"](interface="example_arm", port="udp://0.0.0.0:7000"))).__name__)
+print(VOCABULARY["gauge_bow"].__module__, "example_dial" in {one.name for one in known()})
+print(gauges["tesa_tt"].__module__)
+"""
+
+
+def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
+    done = run(site, sys.executable, "-c", USED)
+    assert done.returncode == 0, done.stderr
+    answer, robot, effect, tesa = done.stdout.splitlines()
+    assert answer == "Polled b'D=+001.2500 mm\\r\\n'"
+    assert robot == "Streamed"
+    assert effect == "cell_bow.effect True"
+    assert tesa == "rigs.schema.serial_gauges", "a name of rig's own is not taken over"
+
+
+def check(site: Path, file: Path) -> subprocess.CompletedProcess[str]:
+    return run(site, sys.executable, "-c", "from analysis.cli import main; main()", "check", str(file))
+
+
+def test_a_rig_file_names_them(site: Path) -> None:
+    text = (ROOT / "rigs" / "paper-fanuc.yaml").read_text(encoding="utf-8")
+    text = text.replace("sylvac_opto_rs", "example_dial").replace("4800 7E2", "9600 8N1")
+    text = re.sub(r".*mode: continuous\n", "", text)
+    bow = "\neffects:\n  - {effect: gauge_bow, gauge: g1, relative_per_mm: 0.001}\n"
+    file = site / "cell.yaml"
+    file.write_text(text + bow, encoding="utf-8")
+    done = check(site, file)
+    assert done.returncode == 0, done.stdout + done.stderr
+    file.write_text((text + bow).replace("example_dial", "half_done"), encoding="utf-8")
+    done = check(site, file)
+    assert done.returncode == 3
+    assert "package half-done offers half_done, which cannot be used" in " ".join((done.stdout + done.stderr).split())
