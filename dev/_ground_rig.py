@@ -18,8 +18,7 @@ import numpy as np
 import yaml
 
 from analysis import Diagnosis, Measured, RigError, calibrate, diagnose, read_table
-from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
-from analysis.correction.pose_uncertainty import frame_u_mm
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
 from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.traces.tables import PoseTable
 from dev.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows

@@ -21,8 +21,7 @@ from analysis.arms.urdf_text import urdf_text
 from analysis.arms.xacro_text import macro_name, xacro_text
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
-from analysis.model.geometric_arm import geometric_arm
-from analysis.model.predict import model_of
+from analysis.model.predict import geometric_arm, model_of
 from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
+from analysis.correction.pose_uncertainty import CalibratedUncertainty
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of

@@ -70,8 +70,7 @@ def export_urdf(
     command says how much that is.
     """
     from analysis.correction.geometric_share import geometric_share
-    from analysis.model.geometric_arm import geometric_arm
-    from analysis.model.predict import model_of
+    from analysis.model.predict import geometric_arm, model_of
     from rigs.load import load
 
     if calibration_hash is not None and reader != "ur-driver":

@@ -76,7 +76,7 @@ def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: Maker | None
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
     from analysis.files.write import holding, write_all_new
     from analysis.robot_programs.examine import demand_of
-    from analysis.robot_programs.poses import poses_plan
+    from analysis.robot_programs.planned import poses_plan
     from analysis.robot_programs.write import encoded_programs, programs_of
 
     files = {"poses.csv": holding(planned.csv().encode())}

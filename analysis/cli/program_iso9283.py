@@ -21,7 +21,7 @@ def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwel
     from analysis.cli.progress import progress_of
     from analysis.geometry.iso_cube import cube_of
     from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
-    from analysis.robot_programs.iso9283 import PERCENTS, cube_plan, path_plan
+    from analysis.robot_programs.planned import PERCENTS, cube_plan, path_plan
     from analysis.robot_programs.write import programs_of, write_programs
     from rigs.load import named_by
 

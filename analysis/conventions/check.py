@@ -7,17 +7,30 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from analysis.conventions.duplicates import DUPLICATES, duplicate_findings, repeated_places
 from analysis.conventions.finding import Convention, Finding
 from analysis.conventions.gauge_order import ORDER, SIGN, order_findings
 from analysis.conventions.gauge_sign import sign_findings
 from analysis.conventions.joints import JOINTS, cannot_tell, joint_findings
-from analysis.conventions.place import PLACE, STAMPS, place_findings, stamp_findings
+from analysis.conventions.lost_poses import (
+    DUPLICATES,
+    WILDNESS,
+    duplicate_findings,
+    repeated_places,
+    wild_findings,
+    wild_places,
+)
+from analysis.conventions.place import (
+    PLACE,
+    SOURCE,
+    STAMPS,
+    STANDS,
+    place_findings,
+    source_findings,
+    stamp_findings,
+    stand_findings,
+)
 from analysis.conventions.repeats import repeat_findings
-from analysis.conventions.source import SOURCE, source_findings
-from analysis.conventions.stands import STANDS, stand_findings
 from analysis.conventions.units import UNITS, unit_findings
-from analysis.conventions.wildness import WILDNESS, wild_findings, wild_places
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError

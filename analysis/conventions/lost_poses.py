@@ -4,23 +4,29 @@ A place of exactly 0, 0, 0 is what instruments write without a target. Others ar
 their place or their turn beside an arm whose base and tool are fitted to the poses that are near; then by their place
 beside an arm of which all constants are fitted to these: what an arm by its nominal constants misses by half a
 millimetre hides a reading that is 2 mm wrong, and moves every constant by it.
+
+Readings so far from all others that no robot explains them, and those that only look so: poses, touches, paths.
+
+Places and rows that were written more than once: an instrument that sent its last place again, a file put together
+twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from analysis.geometry.fitted_arm import fit_arm
-from analysis.geometry.pose_setup import fit_setup, position_error
-from analysis.geometry.sockets import socket_design
-from analysis.kinematics.arm import Arm, Array, Integers, Mask, forward
+from analysis.conventions.finding import Finding
+from analysis.conventions.path_places import places_of
+from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
+from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.traces.tables import PathTable, PoseTable, Table, TouchTable
+from rigs.rig import Rig
 from rigs.text import listed
 
 _LEAST_RAD = 0.001
@@ -176,3 +182,88 @@ def left_out(table: PoseTable | TouchTable, out: Mask, far_mm: Array) -> str:
 
 def _length(mm: float) -> str:
     return f"{mm / 1000:.2g} m" if mm >= 1000 else f"{mm:.3g} mm"
+
+
+WILDNESS = "wildness"
+
+
+def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which rows of poses have the place of an instrument that lost its target, or lie far from where the arm was
+    (`analysis.conventions.lost_poses`)."""
+    if isinstance(table, TouchTable):
+        far = far_touches(table, forward(arm_of(rig.robot), table.q))
+        if far.wild.any():
+            what, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
+            yield Finding(WILDNESS, "likely", ("socket",), "no touch", what, remedy)
+        return
+    if not isinstance(table, PoseTable):
+        return
+    lost = (table.xyz_mm == 0).all(axis=1)
+    if lost.any():
+        rows = listed(table.rows[lost].tolist())
+        have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
+        what = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
+        remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
+    far = far_poses(table, without_setup(arm_of(rig.robot)))
+    if (wild := far.wild).any():
+        what = left_out(table, wild, far.far_mm)
+        what, remedy = what.rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
+
+
+def wild_places(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path lie off the path beside them."""
+    del rig
+    if isinstance(table, PathTable) and "wild" in (words := places_of(table).words):
+        remedy = "check that nothing crossed the beam; an analysis leaves them out"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)
+
+
+DUPLICATES = "duplicates"
+_ELSEWHERE_MM = 1.0
+"""A flange that moved so far took the target with it, unless that lies on the axis of the turn."""
+_FINE_MM = 2e-3
+"""Places of so fine a step differ from visit to visit: robots repeat to 0.01 mm."""
+_SEVERAL = 3
+"""So many rows with six equal angles and the same place to the last digit are no accident."""
+
+
+def duplicate_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which rows of poses repeat the place of others."""
+    if not isinstance(table, PoseTable) or not len(table.q):
+        return
+    lost = (table.xyz_mm == 0).all(axis=1)
+    places = forward(arm_of(rig.robot), table.q)[:, :3, 3]
+    group_of_row = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
+    copied = 0
+    for group in np.flatnonzero(np.bincount(group_of_row) > 1).tolist():
+        alike = (group_of_row == group) & ~lost
+        if not alike.any():
+            continue
+        if np.linalg.norm(places[alike] - places[alike][0], axis=1).max() > _ELSEWHERE_MM:
+            what = (
+                f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
+                "was elsewhere: the instrument may have sent its last place again"
+            )
+            remedy = "remove those that it did not measure"
+            yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", what, remedy)
+        elif (table.q[alike] == table.q[alike][0]).all():
+            copied += int(alike.sum()) - 1
+    if copied >= _SEVERAL and _step_mm(table) < _FINE_MM:
+        what = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
+        yield Finding(DUPLICATES, "likely", (), "rows written twice", what, "remove the copies")
+
+
+def repeated_places(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path repeat the one before though the tool went on."""
+    del rig
+    if isinstance(table, PathTable) and "repeated" in (words := places_of(table).words):
+        remedy = "an analysis leaves them out; have the instrument write no place while it has none"
+        yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)
+
+
+def _step_mm(table: PoseTable) -> float:
+    """The smallest difference of two x, mm: how finely places are written."""
+    apart = np.diff(np.unique(table.xyz_mm[:, 0]))
+    return float(apart.min()) if len(apart) else 1.0

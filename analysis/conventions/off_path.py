@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from analysis.geometry.circle import frame_of
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.geometry.sockets import left_in_sockets
+from analysis.geometry.pose_setup import left_in_sockets
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.rig import Rig

@@ -2,6 +2,17 @@
 
 Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
 What is only unlikely is a doubt; what cannot be detected is accepted.
+
+Gauges in another unit: what the two readings on a circle show of one another.
+
+At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and each gauge
+sees the same e in yaw and roll alike.
+
+A tracker's places and angles in another unit or order: held against the robot's own motion, whatever the frames.
+
+Where a rail stood, read in another unit: held against a tracker's places, whatever the frames.
+
+Places in a left-handed frame: a tracker's export with one axis turned round, which no rigid frame makes right.
 """
 
 from __future__ import annotations
@@ -10,16 +21,205 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.conventions.finding import Finding
-from analysis.conventions.gauge_units import circle_gauges, too_far
-from analysis.conventions.mirror import mirror_findings
-from analysis.conventions.off_path import off_path
-from analysis.conventions.rail_units import rail_findings
-from analysis.conventions.tracker_units import tracker
-from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.conventions.finding import Finding, Misfit
+from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
+from analysis.conventions.off_path import far_rows, off_path, steps
+from analysis.geometry.circle import frame_of
+from analysis.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.kinematics.limits import impossible_rad
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+
+_ECCENTRIC_MM = 0.2
+"""A smaller eccentricity may differ between the two by the robot's own errors."""
+_LIKE_STATED = 0.3
+"""Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
+_AS_FAR = 2.0
+"""Gauges in one unit travel as far as one another within this factor, and 25 times as far in two."""
+FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
+"""What a length in mm reads in another unit."""
+
+
+def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the gauges of a circle driven through nominal tool poses T (n, 4, 4), and what to do."""
+    circle = rig.tests.circle
+    if circle is None:
+        return
+    for name, reading in zip(("g1_mm", "g2_mm"), table.g_mm.T, strict=False):
+        yield from too_far(name, reading, circle.radius_mm)
+    off = off_path(T, table, rig)
+    if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
+        return
+    waves = _waves(table, T, circle)
+    if waves is None:
+        return
+    yield from _one_other_unit(waves, table.g_mm)
+    yield from _both_other_units(waves.mean(axis=0), circle)
+
+
+def _waves(table: CircleTable, T: Array, circle: Circle) -> Array | None:
+    """First harmonic of each gauge (2, 2): minus its cos and sin parts over phi in mm; None for less than a lap.
+
+    That is the eccentricity along phi = 0° and 90°, turned in a yaw test by w/R to either side.
+    """
+    phi = frame_of(circle).angle(T[:, :3, 3])
+    if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
+        return None
+    design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+    waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
+    return waves
+
+
+def _one_other_unit(waves: Array, g_mm: Array) -> Iterator[tuple[str, str]]:
+    """Both gauges (n, 2) follow the one ball, and so see waves of the same size that point to the same side, and travel
+    as far: errors of a robot may cancel the wave of one gauge, but not what else it shows."""
+    low, high = np.quantile(g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    travel = high - low
+    size = np.linalg.norm(waves, axis=1)
+    if size.min() <= 0 or size.max() < _ECCENTRIC_MM or waves[0] @ waves[1] < 0:
+        return
+    for unit, factor in FACTORS.items():
+        for k, ratio in enumerate((size[0] / size[1], size[1] / size[0])):
+            as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+            if abs(ratio / factor - 1) < 0.1 and as_far:
+                what = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+                yield what, "convert it to mm"
+
+
+def _both_other_units(wave: Array, circle: Circle) -> Iterator[tuple[str, str]]:
+    """Where the rig file states the eccentricity: the data show the same one, in another unit."""
+    frame = frame_of(circle)
+    stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
+    if np.linalg.norm(stated_mm) < _ECCENTRIC_MM:
+        return
+    for unit, factor in FACTORS.items():
+        if np.linalg.norm(wave / factor - stated_mm) < _LIKE_STATED * np.linalg.norm(stated_mm):
+            what = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
+            yield what, "convert them to mm"
+
+
+def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
+    """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
+    travel = float(np.ptp(reading))
+    if travel > radius_mm:
+        what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
+        yield what, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"
+
+
+_OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
+"""Units of trackers beside those of gauges: what a length in mm reads in them."""
+_TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
+"""What a length in mm reads that was taken for one in another unit, as by a map; in m it reads as one in µm."""
+_ABOUT = 0.3
+"""The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
+_SAME_TURN_RAD = 0.01
+"""Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
+_FARTHER = 8.0
+"""… and one way to read the angles is wrong where it is further off than this, and than another by this factor."""
+
+
+def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
+    rows = far_rows(table.xyz_mm)
+    robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
+    for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield what, "convert them to mm"
+    for unit, factor in _TAKEN_FOR.items():
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield what, "read them as mm"
+    if table.rpy is not None:
+        yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
+
+
+def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]]:
+    """Angles (n, 3) rad as read against the robot's turns R (n, 3, 3): another unit or order fits, and this one not."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    turned = _turns(R, rows)
+
+    def off(order: str, angles: Array) -> float:
+        return float(np.median(np.abs(_turns(Rotation.from_euler(order, angles).as_matrix(), rows) - turned)))
+
+    as_read = off("xyz", rpy)
+    if as_read < _SAME_TURN_RAD:
+        return
+    right = min(_SAME_TURN_RAD, as_read / _FARTHER)
+    if off("xyz", np.degrees(rpy)) < right:
+        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
+    if off("XYZ", rpy) < right:
+        what = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
+        yield what, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
+
+
+def _turns(R: Array, rows: int) -> Array:
+    """Angle (n,) rad between each rotation (n, 3, 3) and that so many rows before it: the same in every frame."""
+    trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
+    angles: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
+    return angles
+
+
+_MM = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
+"""Millimetres of each unit in which a controller may write where a rail stands."""
+_POSES, _RAIL_STEPS = 200, 30
+"""Poses that show a unit, and steps of a fit to them."""
+
+
+def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+    """What speaks against e1_mm of poses of an arm on a rail: another unit fits, or the rail ends before."""
+    arm = without_setup(arm_of(rig.robot))
+    if rig.robot.rail is None or table.q.shape[1] == arm.axes:
+        return
+    if len(table.q) >= FEWEST:
+        kept = np.unique(np.linspace(0, len(table.q) - 1, _POSES).astype(int))
+        chosen = PoseTable(table.q[kept], table.xyz_mm[kept], None, rail=True)
+
+        def misfit_mm(factor: float) -> float:
+            q: Array = chosen.q * np.append(np.ones(arm.axes), factor)
+            return left_mm(chosen, arm, q, _RAIL_STEPS, with_turns=False)
+
+        as_read = misfit_mm(1.0)
+        for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
+            if (meant := misfit_mm(factor)) < RIGHT_MM:
+                what = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
+                yield Finding("units", "impossible", ("e1_mm",), unit, what, "convert it to mm")
+                return
+    stands, (low, high) = rail_mm(arm, table.q), rig.robot.rail.limits_mm
+    if stands.min() < low or stands.max() > high:
+        reach = f"{stands.min():.6g} to {stands.max():.6g} mm"
+        what = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
+        yield Finding("units", "likely", ("e1_mm",), "another unit", what, "check its unit, or correct limits_mm")
+
+
+_JUDGED, _MIRROR_STEPS = 80, 100
+_MIRROR = np.array([1.0, -1.0, 1.0])
+"""Any axis will do: the frame is fitted."""
+
+
+def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
+    """Whether poses fit the arm only with one of x, y, z counting the other way."""
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    if len(measured) < FEWEST:
+        return
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, _JUDGED).astype(int))]
+    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
+    as_labelled = left_mm(PoseTable(q, xyz_mm, None), bare, q, _MIRROR_STEPS, with_turns=False)
+    if as_labelled < RIGHT_MM:
+        return
+    mirrored = left_mm(PoseTable(q, xyz_mm * _MIRROR, None), bare, q, _MIRROR_STEPS, with_turns=False)
+    if mirrored > RIGHT_MM or as_labelled < CLEARLY * mirrored:
+        return
+    what = (
+        f"only with y_mm counting the other way do these poses fit: {mirrored:.2g} mm instead of {as_labelled:.0f} mm; "
+        "the instrument's frame is left-handed"
+    )
+    remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
+    misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
+    yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", what, remedy, misfit)
+
 
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1

@@ -13,10 +13,9 @@ import numpy as np
 
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.correction.joint_traits import joint_traits
-from analysis.correction.taught_frame import rest_mm
+from analysis.correction.work import rest_mm
 from analysis.kinematics.arm import Array, pose_error
-from analysis.model.geometric_arm import geometric_arm
-from analysis.model.predict import model_of
+from analysis.model.predict import geometric_arm, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose

@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from analysis.correction.corrected_targets import reached_angles
-from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm
 from analysis.correction.support import supports
-from analysis.correction.work import tool_poses
+from analysis.correction.work import left_out_mm, tool_poses
 from analysis.kinematics.arm import Array, Mask, arm_of
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits

@@ -12,12 +12,20 @@ from analysis.correction.constants import Correction, joint_zeros, link_constant
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
-from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
-from analysis.correction.taught_frame import base_u_um, rest_mm
-from analysis.correction.work import rest_effects, rms_um, tool_places, tool_poses, used_effects, work_or_spread
+from analysis.correction.work import (
+    base_u_um,
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    rms_um,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError

@@ -16,7 +16,6 @@ import numpy as np
 
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
-from analysis.correction.programs.flags import agreeing
 from analysis.correction.programs.frames import NO_FRAMES, Frames
 from analysis.correction.programs.machine import Unknown
 from analysis.correction.programs.numbers import (
@@ -28,7 +27,7 @@ from analysis.correction.programs.numbers import (
     replaced,
     written,
 )
-from analysis.correction.programs.postures import solved
+from analysis.correction.programs.postures import agreeing, solved
 from analysis.correction.programs.target import Left, Named, Number, Parsed, Reason, Target, Texts
 from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error

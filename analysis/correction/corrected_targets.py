@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import (
     PoseUncertainty,
     covered,
@@ -22,7 +21,7 @@ from analysis.correction.pose_uncertainty import (
 )
 from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
-from analysis.correction.work import rest_effects, tool_poses, used_effects, work_or_spread
+from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
 from analysis.kinematics.inverse import inverse

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.correction.left_out import apart_mm
-from analysis.correction.work import work_angles
+from analysis.correction.work import apart_mm, work_angles
 from analysis.kinematics.arm import Array
-from analysis.model.geometric_arm import geometric_part, is_geometric
-from analysis.model.predict import Model
+from analysis.model.predict import Model, geometric_part, is_geometric
 from rigs.effects import Effect
 from rigs.schema.scene import Stage
 

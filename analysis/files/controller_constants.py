@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arms.robot_section import flange_poses, largest_difference, random_postures, robot_text
-from analysis.geometry.fitted_arm import fit_constants
-from analysis.geometry.pose_setup import fit_setup
+from analysis.geometry.pose_setup import fit_constants, fit_setup
 from analysis.kinematics.arm import Array, arm_of, forward, without_setup
 from rigs.arms import Arm
 from rigs.errors import FileError

@@ -15,7 +15,7 @@ from analysis.files.cells import TableFileError, TableProblem
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Lengths
 from analysis.geometry.iso_cube import ORDER, Cube
-from analysis.geometry.rigid import best_rigid, in_frame
+from analysis.geometry.pose_setup import best_rigid, in_frame
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_layout import joint_columns
 from rigs.errors import FileError

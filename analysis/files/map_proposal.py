@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.conventions.source import OF_CONTROLLER
+from analysis.conventions.place import OF_CONTROLLER
 from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
-from analysis.files.mapped import poses_of
-from analysis.files.meant_columns import meant
+from analysis.files.mapped import meant, poses_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.geometry.iso_cube import cube_of

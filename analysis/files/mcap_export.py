@@ -5,6 +5,11 @@ Log times are wall-clock: each first-byte stamp moved by the manifest's clock an
 store is in the messages, stamps as they are. JSON knows no nan: such a value is left out of its message.
 An imported table has no clock; its `t_s` counts from 1970, so that plots begin at zero. MCAP knows no time before
 that: where `t_s` begins below zero its first row is at zero.
+
+The arm of a run as Foxglove shows it: joint angles as `foxglove.JointStates`, and its URDF, whose joints have these
+names, so that the arm moves.
+
+The schemas are those of docs.foxglove.dev/docs/sdk/schemas, and of `std_msgs/String` for the URDF, in JSON.
 """
 
 from __future__ import annotations
@@ -12,7 +17,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -21,21 +26,52 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from analysis.files.foxglove_arm import (
-    DESCRIPTION,
-    DESCRIPTION_TOPIC,
-    JOINT_STATES,
-    JOINTS_TOPIC,
-    SCHEMAS,
-    joint_states,
-    urdf_of,
-)
+from analysis.arms.urdf_text import urdf_text
 from analysis.files.write import ROWS_AT_ONCE
+from analysis.kinematics.arm import arm_of
 from daq.store import Run
 from daq.store.chunk import FAULT_COLUMNS, FAULTS, TABLE
 from rigs.errors import FileError, RigError
 from rigs.load import parse
 from rigs.rig import Rig
+
+JOINT_STATES, DESCRIPTION = "foxglove.JointStates", "std_msgs/String"
+JOINTS_TOPIC, DESCRIPTION_TOPIC = "/joint_states", "/robot_description"
+_TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_JOINT = {
+    "type": "object",
+    "title": "foxglove.JointState",
+    "properties": {"name": {"type": "string"}, "position": {"type": "number"}},
+}
+SCHEMAS: dict[str, dict[str, Any]] = {
+    JOINT_STATES: {
+        "type": "object",
+        "title": JOINT_STATES,
+        "properties": {"timestamp": _TIME, "joints": {"type": "array", "items": _JOINT}},
+    },
+    DESCRIPTION: {"type": "object", "title": DESCRIPTION, "properties": {"data": {"type": "string"}}},
+}
+"""The schemas by name; a position is in radians."""
+
+
+def urdf_of(rig: Rig) -> str:
+    """Return the URDF of a rig's arm as its constants say, empty where it can have none."""
+    try:
+        return urdf_text(rig.robot, arm_of(rig.robot), rig.name)
+    except RigError:
+        return ""
+
+
+def joint_states(names: Sequence[str], q_deg: Sequence[float | None], at_ns: int) -> dict[str, Any]:
+    """Return the message of joint angles in degrees at a time in ns since 1970, without those that are not known."""
+    sec, nsec = divmod(at_ns, 1_000_000_000)
+    joints = [
+        {"name": name, "position": math.radians(deg)}
+        for name, deg in zip(names, q_deg, strict=True)
+        if deg is not None and math.isfinite(deg)
+    ]
+    return {"timestamp": {"sec": sec, "nsec": nsec}, "joints": joints}
+
 
 _JSON_TYPES = {"double": "number", "int64": "integer", "int32": "integer", "string": "string"}
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]

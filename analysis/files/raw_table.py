@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
 from analysis.files.cells import Problems, TableFileError, TableProblem, value
-from analysis.files.other_formats import refuse_other_formats
+from analysis.files.read import refuse_other_formats
 from analysis.files.table_map import SEPARATORS, Layout, Separator
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST

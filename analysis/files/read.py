@@ -3,33 +3,165 @@
 The file's own columns stay in their order; known ones become numbers, counts and words, extra ones stay
 the text they are. Rows become columns of Arrow a batch at a time: as objects of Python, a table takes ten times the
 memory, and where that ends, each of millions of small requests for more is refused by the system on its own.
+
+The header line of a table: which columns there are, which are missing, and what they may be called instead.
+
+Files that are no table, and what to do with each: a person gives what a controller or a recorder has written.
 """
 
 from __future__ import annotations
 
 import csv
+import difflib
 import hashlib
 import io
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.arms.ur_calibration import ROS_KINEMATICS
 from analysis.files.bags import MCAP_MAGIC as MAGIC
 from analysis.files.bags import is_bag
-from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of
-from analysis.files.header import check_header
-from analysis.files.other_formats import refuse_comments, refuse_other_formats
+from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.write import as_it_was
-from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
+from analysis.traces.table_layout import (
+    COMMANDED,
+    JOINTS,
+    LAYOUTS,
+    RAIL,
+    TURN,
+    WORDS,
+    JointSource,
+    Layout,
+    came_from_columns,
+    layout_of,
+)
 from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.part import WITHOUT_GAUGES, Direction, TestName
+from rigs.text import as_argument
+
+_OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
+"""A column that means something in another test is that, and no other one misspelt."""
+_CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
+"""A number, or a word of a column of words: the first line of a table without a header."""
+_UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
+
+
+def check_header(
+    where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6, layout: Layout | None = None
+) -> None:
+    """Whether these columns make a table of a test; layout: of an arm of so many axes without a rail, if none is given.
+
+    direction_given: a direction column may be missing. Raises FileError for another separator,
+    TableFileError for wrong or missing columns.
+    """
+    _separator(where, names)
+    layout = layout or layout_of(test, axes)
+    problems = [
+        TableProblem(1, name, "this column occurs twice; remove or rename one")
+        for name, count in Counter(names).items()
+        if count > 1
+    ]
+    missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
+    if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
+        raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
+    problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
+    if test in WITHOUT_GAUGES and RAIL in names and RAIL not in layout.known:
+        what = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
+        problems.append(TableProblem(1, RAIL, what))
+    turns = [name for name in TURN if name in names]
+    if test == "pose" and 0 < len(turns) < len(TURN):
+        problems.append(TableProblem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
+    came = [name for name in came_from_columns(axes) if name in names]
+    if test == "touch" and 0 < len(came) < axes:
+        every = ", ".join(came_from_columns(axes))
+        problems.append(TableProblem(1, "", f"has {' and '.join(came)} only; give all of {every}, or none"))
+    if problems:
+        mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
+        raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
+
+
+def _separator(where: str, names: list[str]) -> None:
+    if len(names) > 2:
+        return
+    line = ",".join(names)
+    if line.count(";") > 2:
+        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by semicolons", remedy)
+    if line.count("\t") > 2:
+        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by tabs", remedy)
+
+
+def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
+    # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
+    others = [extra for extra in names if extra not in _OF_ANY]
+    of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
+    taken = {_stem(column) for column in layout.known}
+    alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
+    near = next(iter(of_same_stem + alike), None)
+    if near:
+        stem, _, unit = name.rpartition("_")
+        unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
+        return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
+    if name == "direction":
+        return "this column is missing; add it, or give --direction cw or acw"
+    if test in ("yaw", "roll") and name == "g2_mm":
+        return "this column is missing; an angle takes two gauges"
+    return "this column is missing; add it"
+
+
+def _stem(name: str) -> str:
+    return re.split(r"[\W_]", name.strip().lower())[0]
+
+
+_BEGINNINGS = (
+    (b"\xff\xfe", "is UTF-16", "save it as UTF-8"),
+    (b"\xfe\xff", "is UTF-16", "save it as UTF-8"),
+    (b"PAR1", "is a Parquet file", "give the table as CSV"),
+    (b"#ROSBAG", "is a bag of ROS 1", "convert it to MCAP: rosbags-convert --src {file} --dst BAG --dst-storage mcap"),
+    (b"\x28\xb5\x2f\xfd", "is compressed (zstd)", "unpack it first: zstd -d {file}"),
+    (b"\x1f\x8b", "is compressed (gzip)", "unpack it first: gunzip -k {file}"),
+    (b"\x04\x22\x4d\x18", "is compressed (lz4)", "unpack it first: lz4 -d {file}"),
+    (b"PK\x03\x04", "is a workbook or a zip file", "save the table as CSV, or unpack the file first"),
+    (b"\xd0\xcf\x11\xe0", "is a workbook of an old Excel", "save the table as CSV"),
+    (b"%PDF", "is a PDF", "give the table as CSV"),
+)
+"""What a file begins with that is no text, what it is, and what to do."""
+
+
+def refuse_other_formats(where: str, data: bytes) -> None:
+    """Raise FileError for the bytes of a file that is known to be no table."""
+    for magic, what, remedy in _BEGINNINGS:
+        if data.startswith(magic):
+            raise FileError(where, what, remedy.format(file=as_argument(where)))
+    if data.lstrip().startswith(ROS_KINEMATICS.encode()):
+        what = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
+        raise FileError(where, what, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
+
+
+def refuse_comments(where: str, data: bytes, test: TestName) -> None:
+    """Raise FileError for a table that begins with lines of comment; its header may be the last of them."""
+    lines = data.decode("utf-8-sig").splitlines()
+    count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
+    file = as_argument(where)
+    if len(names & set(LAYOUTS[test].required)) > 1:
+        before = f"1,{count - 1}d; " if count > 1 else ""
+        what = f"has its header in line {count} behind a #, which makes it a comment"
+        raise FileError(where, what, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
+    comment = "a line" if count == 1 else f"{count} lines"
+    raise FileError(where, f"begins with {comment} of comment (#)", f"leave them out: sed '/^#/d' {file} > TABLE.csv")
+
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask, forward, link_frames
-from analysis.kinematics.singularity import conditioning
+from analysis.kinematics.newton import conditioning
 
 _FLOOR_MM = 100.0
 """Height above the base's mounting plane that every joint from the elbow on keeps."""

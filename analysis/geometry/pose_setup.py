@@ -1,13 +1,72 @@
-"""Where the tracker stood and where its target sat on the tool: least squares over the places of poses."""
+"""Where the tracker stood and where its target sat on the tool: least squares over the places of poses.
+
+A ball on the tool, seated in sockets that are fixed in the world: where both are, from the poses of the tool.
+
+Rigid motions: the best fit between two sets of points, and small changes of a frame.
+
+All constants of an arm by places that it reached, least squares: what a controller computed comes out to its last
+digit, what an instrument measured does not.
+
+Unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of its target; what
+the places do not distinguish stays as it was nominally, or moves least (Marquardt).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.geometry.rigid import best_rigid
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Arm, Array, Integers, forward
+
+
+def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
+    """Return the slopes (3 n, 3 + 3 s) of the ball's place from its socket by its place on the tool and by the places
+    of so many sockets, at tool poses T (n, 4, 4) mm; socket (n,): the number of each, from 0."""
+    design = np.zeros((len(T), 3, 3 + 3 * sockets))
+    design[:, :, :3] = T[:, :3, :3]
+    for axis in range(3):
+        design[np.arange(len(T)), axis, 3 + 3 * socket + axis] = -1.0
+    return design.reshape(3 * len(T), -1)
+
+
+def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
+    """Return how far (n, 3) mm the ball is from its socket at tool poses T (n, 4, 4) mm, with the ball's place on the
+    tool and those of the sockets, named (n,), fitted."""
+    sockets, socket = np.unique(names, return_inverse=True)
+    design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
+    residual: Array = (design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3)
+    return residual
+
+
+def best_rigid(points: Array, targets: Array) -> Array:
+    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm with least squares (Kabsch 1976)."""
+    middle, goal = points.mean(axis=0), targets.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
+    flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
+    T = np.eye(4)
+    T[:3, :3] = vt.T @ flip @ u.T
+    T[:3, 3] = goal - T[:3, :3] @ middle
+    return T
+
+
+def in_frame(T: Array, points: Array) -> Array:
+    """Return points (n, 3) mm as the frame T (4, 4), in mm, puts them."""
+    moved: Array = points @ T[:3, :3].T + T[:3, 3]
+    return moved
+
+
+def moved_by(T: Array, shift: Array, turn: Array) -> Array:
+    """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    moved = T.copy()
+    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
+    moved[:3, 3] += shift
+    return moved
+
 
 _STEPS = 100
 """Largest number of steps of Levenberg and Marquardt. Chosen: right arms need five, wrong ones forty."""
@@ -94,3 +153,88 @@ def _turn(vector: Array) -> Array:
     x, y, z = vector / angle if angle > 0 else vector
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+_STEP = 1e-5
+_ROUNDS = 30
+REACH_MM = 500.0
+"""A turn counts as the way at this distance, so that all unknowns are lengths in mm."""
+_LEAST_DAMPING_OF_ARM, _MOST_DAMPING_OF_ARM = 1e-10, 1e2
+_ENOUGH = 1e-3
+"""Share of the misfit that a further step must gain."""
+_DETERMINED = 1e-6
+"""Share of the largest singular value from which on a direction is an unknown."""
+_FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("offset", REACH_MM))
+
+
+@dataclass(frozen=True)
+class FittedArm:
+    """An arm of which all constants are fitted. left_mm (n,): what remains of the readings; spare: readings beyond the
+    unknowns."""
+
+    arm: Arm
+    left_mm: Array
+    spare: int
+
+    @property
+    def rms_mm(self) -> float:
+        """The root mean square of a place's distance, three readings, corrected for the unknowns."""
+        return float(np.sqrt(3 * (self.left_mm**2).sum() / max(self.spare, 1)))
+
+
+def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
+    """Return the arm, from its nominal constants, whose target is at places xyz_mm (n, 3) at joints q (n, axes) rad;
+    its T_world_base has where the instrument stands, its T_flange_tool the target."""
+    start = fit_setup(forward(bare, q), xyz_mm)
+    begin = replace(bare, T_world_base=start.T_world_base, T_flange_tool=start.T_flange_tool)
+
+    def changed(change: Array) -> Arm:
+        shift, turn, target = change[-9:-6], change[-6:-3] / REACH_MM, change[-3:]
+        T_flange_tool = begin.T_flange_tool @ frame(np.eye(3), target)
+        arm = _with_constants(begin, change[:-9])
+        return replace(arm, T_world_base=moved_by(arm.T_world_base, shift, turn), T_flange_tool=T_flange_tool)
+
+    return _fitted(changed, len(_FIELDS) * bare.axes + 9, lambda arm: (xyz_mm - forward(arm, q)[:, :3, 3]).ravel())
+
+
+def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedArm:
+    """Return the arm with constants by which its tool is at places xyz_mm (n, 3), and turned as R (n, 3, 3) where
+    given, at joints q (n, axes) rad: base and tool stay as they are."""
+
+    def left(candidate: Arm) -> Array:
+        T = forward(candidate, q)
+        parts = [(xyz_mm - T[:, :3, 3]).ravel()]
+        return np.concatenate(parts if R is None else [*parts, REACH_MM * (R - T[:, :3, :3]).ravel() / np.sqrt(3)])
+
+    return _fitted(lambda change: _with_constants(arm, change), len(_FIELDS) * arm.axes, left)
+
+
+def _with_constants(arm: Arm, change: Array) -> Arm:
+    """An arm with its constants changed by (5 axes,) mm."""
+    parts = change.reshape(len(_FIELDS), arm.axes)
+    return replace(
+        arm, **{name: getattr(arm, name) + part / reach for (name, reach), part in zip(_FIELDS, parts, strict=True)}
+    )
+
+
+def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
+    """The arm of so many changes in mm that leaves least, in mm."""
+    change, damping = np.zeros(count), _LEAST_DAMPING_OF_ARM
+    residual, J = misfit(changed(change)), np.empty((0, count))
+    for _ in range(_ROUNDS):
+        J = np.stack([(misfit(changed(change + step)) - residual) / _STEP for step in _STEP * np.eye(count)], axis=1)
+        normal, gradient = J.T @ J, J.T @ residual
+        before, gained = float(residual @ residual), 0.0
+        while damping <= _MOST_DAMPING_OF_ARM and gained <= 0:
+            damped = normal + damping * float(np.trace(normal)) / count * np.eye(count)
+            tried = change - np.linalg.solve(damped, gradient)
+            new = misfit(changed(tried))
+            gained = before - float(new @ new)
+            damping *= 10 if gained <= 0 else 0.1
+        if gained <= 0:
+            break
+        change, residual, damping = tried, new, max(damping, _LEAST_DAMPING_OF_ARM)
+        if gained < _ENOUGH * before:
+            break
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return FittedArm(changed(change), residual, residual.size - int((sizes > _DETERMINED * sizes[0]).sum()))

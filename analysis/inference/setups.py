@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.geometry.rigid import best_rigid, moved_by
+from analysis.geometry.pose_setup import best_rigid, moved_by
 from analysis.inference.observation import (
     Observation,
     ObservedRun,

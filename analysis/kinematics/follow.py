@@ -16,8 +16,7 @@ from analysis.kinematics.arm import Arm, Array, blocks, pose_error
 from analysis.kinematics.closed_form import branches, canonical
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits, wrapped
-from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, from_nearby, newton
-from analysis.kinematics.singularity import cancelling_axes, conditioning
+from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, cancelling_axes, conditioning, from_nearby, newton
 from rigs.errors import PathError
 
 Indices = NDArray[np.intp]

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.conventions.path_places import measured_places
-from analysis.geometry.iso_cube import Cube
-from analysis.geometry.iso_paths import CommandPath, PathName, paths_of
-from analysis.geometry.rigid import best_rigid, in_frame
+from analysis.geometry.iso_cube import CommandPath, Cube, PathName, paths_of
+from analysis.geometry.pose_setup import best_rigid, in_frame
 from analysis.kinematics.arm import Array
 from analysis.traces.path_moves import Moved, moves_of
 from analysis.traces.tables import PathTable

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.circle import Reversal
-from analysis.geometry.peaks import peaks
+from analysis.geometry.circle import Reversal, peaks
 from analysis.kinematics.arm import Array
 from analysis.noise.readings import noise_beneath
 from analysis.traces.laps import Laps

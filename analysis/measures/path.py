@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.iso_cube import Cube
-from analysis.geometry.iso_paths import PathName, Polygon, Ring
+from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
 from analysis.measures.iso_figures import FEWEST_CYCLES, rp

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from analysis.conventions.lost_poses import far_touches, left_out
-from analysis.geometry.sockets import socket_design
+from analysis.geometry.pose_setup import socket_design
 from analysis.kinematics.arm import Array, Integers, forward
 from analysis.kinematics.limits import impossible_rad
 from analysis.measures.checks import hold_numbers

@@ -18,9 +18,8 @@ from matplotlib.figure import FigureBase
 
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result
 from analysis.kinematics.arm import Array
-from analysis.paper.paper_table import written
 from analysis.paper.published import NOMINAL_RADIUS_MM
-from analysis.paper.rows import DIRECTIONS, Row
+from analysis.paper.rows import DIRECTIONS, Row, written
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.reporting.plots import label_axes, mark_reversals
 from analysis.reporting.sheet import Sheet

@@ -18,7 +18,7 @@ from analysis.correction.constants import CONSTANTS, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
-from analysis.correction.programs.remark import with_remark
+from analysis.correction.programs.numbers import with_remark
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import Support
 from analysis.correction.target_path import corrected_columns

@@ -11,7 +11,6 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.heading import heading
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     Arc,
@@ -28,7 +27,7 @@ from analysis.robot_programs.plan import (
     start_of,
     turns_with_path,
 )
-from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, identifier, listed, wrapped
+from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, heading, identifier, listed, wrapped
 from rigs.schema.feedback import ABBEGM
 
 NEWLINE = "\r\n"

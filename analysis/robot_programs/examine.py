@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from analysis.kinematics.arm import Array, forward
-from analysis.kinematics.singularity import cancelling_axes, conditioning
+from analysis.kinematics.newton import cancelling_axes, conditioning
 from analysis.robot_programs.plan import Dwell, JointMove, Move, Plan, Target, Turn, end_of, in_base, start_of
 
 _STEP_RAD = np.radians(2.0)

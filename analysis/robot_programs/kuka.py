@@ -12,7 +12,6 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm, Array
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.heading import heading
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
@@ -31,7 +30,7 @@ from analysis.robot_programs.plan import (
     start_of,
     turns_with_path,
 )
-from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, fixed_xyz_deg, identifier, wrapped
+from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, fixed_xyz_deg, heading, identifier, wrapped
 from rigs.schema.feedback import KUKARSI
 
 NEWLINE = "\r\n"

@@ -2,15 +2,35 @@
 
 circle and roll: laps with lead-in and lead-out and the ways back between them, a program for each direction, since each
 is a run of its own. hemisphere and repeatability: a stop at each target.
+
+The plan of poses for a tracker: all joints together from one to the next, and a stand at each.
+
+The plans of ISO 9283 in front of a tracker: the stops of the cube, and its paths at a share of their speed.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from analysis.geometry.circle import frame_of
+from analysis.geometry.iso_cube import (
+    ORDER,
+    STAND_S,
+    CommandPath,
+    Cube,
+    Polygon,
+    Ring,
+    cube_of,
+    cycle_stops,
+    in_order,
+    iso9283_of,
+    joints_along,
+)
 from analysis.geometry.programs import (
     PAUSE_S,
     circle_of,
@@ -23,9 +43,8 @@ from analysis.geometry.programs import (
     repeatability_stops,
     way_back,
 )
-from analysis.kinematics.arm import Arm, Array, arm_of
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.kinematics.follow import follow
-from analysis.robot_programs.over_sphere import over_sphere
 from analysis.robot_programs.plan import (
     Arc,
     Comment,
@@ -33,6 +52,7 @@ from analysis.robot_programs.plan import (
     Hold,
     JointMove,
     Line,
+    Move,
     Plan,
     Signal,
     SignalPlace,
@@ -40,12 +60,55 @@ from analysis.robot_programs.plan import (
     Target,
     in_base,
 )
-from analysis.robot_programs.poses import targets_at
-from analysis.robot_programs.ways import straight
-from rigs.errors import FileError, RigPlace, UseError
+from analysis.robot_programs.ways import over_sphere, straight
+from rigs.errors import FileError, PathError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.part import CIRCLES, Direction, DrivenTest, Vector
+
+_SPEED_RAD_S = float(np.radians(20.0))
+"""Fastest joint between poses: slow enough to be stopped by hand."""
+
+
+def poses_plan(
+    rig: Rig,
+    q: Array,
+    dwell_s: float,
+    *,
+    start: Array | None = None,
+    names: Sequence[str] | None = None,
+    speed_rad_s: float = _SPEED_RAD_S,
+    name: str = "pose",
+) -> Plan:
+    """The plan that stands at each posture q (n, 6) rad for so many seconds, in order. start (6,): where it begins, at
+    the first unless given; names (n,): what stands beside each; name: of the program, before the rig's."""
+    arm = arm_of(rig.robot)
+    first, *targets = targets_at(arm, np.concatenate([q[:1] if start is None else start[None], q]))
+    names = names or [f"pose {number}" for number in range(1, len(q) + 1)]
+    steps: list[Step] = [JointMove(first, _SPEED_RAD_S / 2), Hold("start the tracker, continue")]
+    for what, target in zip(names, targets, strict=True):
+        steps += [Comment(what), JointMove(target, speed_rad_s), Dwell(dwell_s)]
+    return tracker_plan(rig, f"{name} {rig.name}", steps)
+
+
+def targets_at(arm: Arm, q: Array) -> list[Target]:
+    """Targets at joint angles q (n, 6) rad."""
+    return [Target(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
+
+
+def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> Plan:
+    """The plan of steps in front of a tracker, without a ball link and without the signal of automatic runs."""
+    return Plan(
+        name=name,
+        arm=arm_of(rig.robot),
+        payload_kg=rig.robot.payload_kg,
+        ball_mm=np.zeros(3),
+        signal_place=SignalPlace(),
+        feedback=rig.feedback,
+        steps=tuple(steps),
+        has_link=False,
+    )
+
 
 LONGEST_ARC_DEG = 90.0
 """An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is
@@ -239,3 +302,59 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
             "give --outputs with the digital outputs that the feedback reads, the least first",
         )
     return SignalPlace(outputs=outputs)
+
+
+PERCENTS = (100, 50, 10)
+"""Shares of the path speed, each a program and a run of its own: ISO 9283, 6.7."""
+_STEP_MM = 4.0
+_TO_START_RAD_S = float(np.radians(10.0))
+
+
+def cube_plan(rig: Rig, dwell_s: float) -> Plan:
+    """The plan of the poses: from P1 through all cycles, with a stand at each. Raises FileError without a cube."""
+    test = iso9283_of(rig)
+    names = [f"cycle {cycle}, P{number}" for cycle in range(1, test.cycles + 1) for number in ORDER]
+    speed = float(np.radians(test.joint_speed_deg_s))
+    stops, start = cycle_stops(rig), cube_of(rig).q[0]
+    return poses_plan(rig, stops, dwell_s, start=start, names=names, speed_rad_s=speed, name="cube")
+
+
+def path_plan(rig: Rig, percent: int) -> Plan:
+    """The plan of the paths at so many percent of their speed, each as often as the rig file says, with a stand before
+    and after. Raises FileError without a cube, or where a joint is too slow."""
+    test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
+    speed, where = test.path_speed_mm_s * percent / 100, RigPlace.of(rig.name, "tests.iso9283")
+    paths = list(in_order(cube, test.path_cycles))
+    begin = targets_at(arm, joints_along(arm, cube, paths[0], np.zeros(1), where))[0]
+    steps: list[Step] = [JointMove(begin, _TO_START_RAD_S), Hold("start the recording of the tracker, continue")]
+    steps.append(Dwell(STAND_S))
+    drive: dict[str, list[Move]] = {}
+    count = Counter[str]()
+    for path in paths:
+        if path.name == "way" or path.name not in drive:
+            drive[path.name] = _moves(arm, cube, path, speed, where)
+        count[path.name] += 1
+        if path.name != "way":
+            steps.append(Comment(f"{path.name.replace('_', ' ')} {count[path.name]}"))
+        steps += [*drive[path.name], Dwell(STAND_S)]
+    return tracker_plan(rig, f"path {percent} {rig.name}", steps)
+
+
+def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
+    """The lines or the two arcs of a path, which the tool drives without a stop between them."""
+    ends = path.along if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
+    moves: list[Move] = []
+    for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):
+        s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))
+        q = joints_along(arm, cube, path, s, where)
+        for axis in np.flatnonzero(fastest_joints(s / speed, q) > arm.speed):
+            what = (
+                f"axis {axis + 1} would have to move faster than {np.degrees(arm.speed[axis]):.0f}°/s, which it cannot"
+            )
+            raise PathError(where, what, "lower path_speed_mm_s", "speed")
+        stops = number == len(ends) - 1
+        middle, last = targets_at(arm, q[[len(q) // 2, -1]])
+        moves.append(
+            Arc(middle, last, speed, stops=stops, q=q) if isinstance(path, Ring) else Line(last, speed, stops, q=q)
+        )
+    return moves

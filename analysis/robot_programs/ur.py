@@ -10,7 +10,6 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.heading import heading
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
@@ -27,7 +26,7 @@ from analysis.robot_programs.plan import (
     Turn,
     start_of,
 )
-from analysis.robot_programs.text import fixed, identifier, listed, wrapped
+from analysis.robot_programs.text import fixed, heading, identifier, listed, wrapped
 
 NEWLINE = "\n"
 _WIDTH = 100

@@ -16,7 +16,6 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.heading import heading
 from analysis.robot_programs.plan import (
     Arc,
     Comment,
@@ -35,7 +34,7 @@ from analysis.robot_programs.plan import (
     start_of,
 )
 from analysis.robot_programs.posture import posture_of
-from analysis.robot_programs.text import fixed, fixed_xyz_deg, identifier, listed, wrapped
+from analysis.robot_programs.text import fixed, fixed_xyz_deg, heading, identifier, listed, wrapped
 
 NEWLINE = "\r\n"
 _NAME_LENGTH = 32

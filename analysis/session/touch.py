@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from analysis.files.write import refuse_existing
-from analysis.geometry.rigid import moved_by
+from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import arm_of
-from analysis.setting_up.touching import Touching
+from analysis.setting_up.touched_ball import Touching
 from analysis.simulation.touches import touch_of
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.table_layout import joint_columns

@@ -7,8 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame, circle_frame
-from analysis.geometry.circle_through import circles_through, deviations, largest_deviations, moved, nearest_circle
+from analysis.geometry.circle import (
+    CircleFrame,
+    circle_frame,
+    circles_through,
+    deviations,
+    largest_deviations,
+    moved,
+    nearest_circle,
+)
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, forward
 from analysis.traces.robot_motion import RobotMotion
 from analysis.traces.stands import Stand, stands_of

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame, circle_frame
-from analysis.geometry.circle_through import deviations, nearest_circle
+from analysis.geometry.circle import CircleFrame, circle_frame, deviations, nearest_circle
 from analysis.kinematics.arm import Array, Integers, Mask, arm_of
 from analysis.setting_up.circle_rows import (
     BENT,

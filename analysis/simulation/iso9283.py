@@ -10,8 +10,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis.geometry.iso_cube import Cube, cube_of, cycle_stops, iso9283_of
-from analysis.geometry.iso_paths import STAND_S, CommandPath, Polygon, in_order, joints_along
+from analysis.geometry.iso_cube import (
+    STAND_S,
+    CommandPath,
+    Cube,
+    Polygon,
+    cube_of,
+    cycle_stops,
+    in_order,
+    iso9283_of,
+    joints_along,
+)
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved, path_of

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.geometry.rigid import moved_by
+from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
 from analysis.measures.touch import SEAT_MM
 from analysis.model.predict import model_of, moved, path_of

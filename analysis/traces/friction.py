@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.geometry.peaks import peaks
+from analysis.geometry.circle import peaks
 from analysis.kinematics.arm import Array
 from rigs.schema.condition import CURRENTS
 

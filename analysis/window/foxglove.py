@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.files.foxglove_arm import (
+from analysis.files.mcap_export import (
     DESCRIPTION,
     DESCRIPTION_TOPIC,
     JOINT_STATES,

@@ -19,8 +19,7 @@ from analysis.arms.xacro_text import xacro_text
 from analysis.correction.joint_traits import friction_nm, joint_traits, torques_of
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
-from analysis.model.geometric_arm import geometric_arm
-from analysis.model.predict import model_of
+from analysis.model.predict import geometric_arm, model_of
 from analysis.traces.friction import Friction
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance

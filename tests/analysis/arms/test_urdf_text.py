@@ -17,8 +17,7 @@ from analysis.arms.urdf import import_urdf
 from analysis.arms.urdf_text import urdf_text
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Arm, arm_of
-from analysis.model.geometric_arm import geometric_arm
-from analysis.model.predict import model_of
+from analysis.model.predict import geometric_arm, model_of
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError, UseError
 from rigs.load import load

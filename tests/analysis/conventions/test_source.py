@@ -10,8 +10,8 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from analysis.conventions.source import source_findings
-from analysis.geometry.fitted_arm import fit_constants
+from analysis.conventions.place import source_findings
+from analysis.geometry.pose_setup import fit_constants
 from analysis.kinematics.arm import arm_of, forward, without_setup
 from analysis.traces.tables import PoseTable
 from rigs.load import load, parse

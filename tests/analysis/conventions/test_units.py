@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.conventions.duplicates import duplicate_findings
 from analysis.conventions.gauge_order import order_findings
+from analysis.conventions.lost_poses import duplicate_findings, wild_findings
 from analysis.conventions.place import place_findings, stamp_findings
 from analysis.conventions.units import unit_findings
-from analysis.conventions.wildness import wild_findings
 from analysis.files.read import parse_csv
 from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import table_from

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.conventions.check import findings_of
-from analysis.conventions.lost_poses import far_poses
-from analysis.conventions.wildness import WILDNESS
+from analysis.conventions.lost_poses import WILDNESS, far_poses
 from analysis.inference.diagnose import diagnose
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.kinematics.arm import arm_of, without_setup

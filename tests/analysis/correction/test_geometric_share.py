@@ -8,8 +8,7 @@ import pytest
 from analysis.correction.geometric_share import geometric_share
 from analysis.correction.work import tool_poses, work_angles
 from analysis.kinematics.arm import forward
-from analysis.model.geometric_arm import geometric_arm
-from analysis.model.predict import model_of
+from analysis.model.predict import geometric_arm, model_of
 from rigs.effects.backlash import Backlash
 from rigs.effects.compliance import Compliance
 from rigs.effects.gauge_scale import GaugeScale

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from analysis.geometry.peaks import peaks
+from analysis.geometry.circle import peaks
 
 
 @pytest.mark.parametrize("seed", range(20))

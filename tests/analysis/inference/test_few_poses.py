@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
-from analysis.correction.pose_uncertainty import frame_u_mm
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
 from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.traces.tables import PoseTable
 from rigs.load import load

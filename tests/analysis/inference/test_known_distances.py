@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.correction.calibrated_uncertainty import CalibratedUncertainty
+from analysis.correction.pose_uncertainty import CalibratedUncertainty
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.inference.blocks import blocks_of
 from analysis.inference.diagnose import diagnose

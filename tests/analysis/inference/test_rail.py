@@ -11,8 +11,7 @@ from pyarrow import csv
 
 from analysis.conventions.joints import joint_findings
 from analysis.conventions.units import unit_findings
-from analysis.geometry.pose_setup import fit_setup, position_error
-from analysis.geometry.rigid import best_rigid
+from analysis.geometry.pose_setup import best_rigid, fit_setup, position_error
 from analysis.inference.diagnose import diagnose
 from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array, arm_of, forward, forward_and_jacobian

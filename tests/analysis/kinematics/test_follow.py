@@ -9,8 +9,7 @@ from analysis.kinematics.arm import Arm, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import newton
-from analysis.kinematics.singularity import cancelling_axes, conditioning
+from analysis.kinematics.newton import cancelling_axes, conditioning, newton
 from rigs.errors import FileError
 from tests.support.five_arms import ARMS, calibrated
 

@@ -7,8 +7,7 @@ import pytest
 
 from analysis.kinematics.arm import Arm, forward
 from analysis.kinematics.inverse import Solutions, inverse
-from analysis.kinematics.newton import newton
-from analysis.kinematics.singularity import conditioning
+from analysis.kinematics.newton import conditioning, newton
 from tests.support.five_arms import ARMS, J2_IN_J3, OPW, Opw, PeerArm, apart, calibrated, pose_apart
 from tests.support.postures import BESIDE, at_limits, everywhere, random_angles, rows, singular
 

@@ -9,7 +9,7 @@ import pytest
 from analysis.kinematics.arm import Arm, forward
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.singularity import conditioning
+from analysis.kinematics.newton import conditioning
 from tests.support.five_arms import ARMS
 from tests.support.postures import at_limits, random_angles
 

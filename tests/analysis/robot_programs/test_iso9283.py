@@ -11,8 +11,8 @@ import pytest
 from analysis.emulation.machine import Round, Stood, Straight, Waited
 from analysis.geometry.iso_cube import cube_of
 from analysis.robot_programs.examine import demand_of
-from analysis.robot_programs.iso9283 import cube_plan, path_plan
 from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.planned import cube_plan, path_plan
 from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283

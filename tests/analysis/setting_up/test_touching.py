@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.geometry.rigid import moved_by
+from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import Array, arm_of
-from analysis.setting_up.touching import STANDS_S, Touching
+from analysis.setting_up.touched_ball import STANDS_S, Touching
 from analysis.simulation.touches import planned_touches
 from rigs.arms import load_arm
 from rigs.load import parse

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.simulation.emulated_robot import EmulatedRobot
-from analysis.simulation.motors import friction_current_a
+from analysis.simulation.emulated_robot import EmulatedRobot, friction_current_a
 from analysis.traces.condition import condition_of
 from analysis.traces.friction import friction_of
 from analysis.traces.loading import load_measured

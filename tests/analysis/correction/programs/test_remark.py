@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.correction.programs.remark import with_remark
+from analysis.correction.programs.numbers import with_remark
 from analysis.correction.refusal import ANYWAY
 from dev.trials.programs.arms import DIALECTS
 from dev.trials.programs.execution import Ways, World
