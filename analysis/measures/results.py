@@ -69,15 +69,13 @@ class Result(Tabular):
     def without_rows(self) -> Result:
         """The same figures and doubts, of a circle without the rows that they are of: what many runs are kept as. The
         run's digest is that of its readings all the same."""
-        if not isinstance(self.found, CircleResult) or not isinstance(self.measured.table, CircleTable):
+        measured, table = self.measured, self.measured.table
+        if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
             return self
-        measured, rows = (
-            self.measured,
-            {name: getattr(self.measured.table, name)[:0].copy() for name in ("t_s", "q", "g_mm")},
-        )
         run = replace(measured.run, table=None)
         vars(run)["readings_sha256"] = measured.run.readings_sha256
-        bare = replace(measured, run=run, table=replace(measured.table, u_t_s=None, **rows))
+        none = replace(table, t_s=table.t_s[:0].copy(), q=table.q[:0].copy(), g_mm=table.g_mm[:0].copy(), u_t_s=None)
+        bare = replace(measured, run=run, table=none)
         result = replace(self, measured=bare, found=self.found.without_rows)
         vars(result)["doubts"] = self.doubts
         return result

@@ -178,7 +178,7 @@ class StreamBuffer:
         self._is_faulty = False
         self._counters["samples"] += size_of(item)
         self._keep_recent(item)
-        if type(item) is Samples:
+        if not isinstance(item, Sample):
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
