@@ -72,10 +72,10 @@ class Result(Tabular):
         measured, table = self.measured, self.measured.table
         if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
             return self
-        rows = {name: getattr(table, name)[:0].copy() for name in ("t_s", "q", "g_mm")}
         run = replace(measured.run, table=None)
         vars(run)["readings_sha256"] = measured.run.readings_sha256
-        bare = replace(measured, run=run, table=replace(table, u_t_s=None, **rows))
+        none = replace(table, t_s=table.t_s[:0].copy(), q=table.q[:0].copy(), g_mm=table.g_mm[:0].copy(), u_t_s=None)
+        bare = replace(measured, run=run, table=none)
         result = replace(self, measured=bare, found=self.found.without_rows)
         vars(result)["doubts"] = self.doubts
         return result

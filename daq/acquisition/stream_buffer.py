@@ -177,7 +177,7 @@ class StreamBuffer:
         self._recent_size += size_of(item)
         while self._recent_size - size_of(self._recent[0]) >= _RECENT:
             self._recent_size -= size_of(self._recent.popleft())
-        if isinstance(item, Samples):
+        if not isinstance(item, Sample):
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
