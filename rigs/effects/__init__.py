@@ -45,7 +45,7 @@ def _whole(name: str, cls: type[Effect]) -> type[Effect]:
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
     """The whole effects that other packages offer."""
     found = {}
-    for name, cls in plugins.offered("rig.effects", Effect, own).items():
+    for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
             found[name] = _whole(name, cls)
         except ImportError as reason:
