@@ -88,7 +88,7 @@ twenty lines that multiply matrices.
 ```sh
 rig export-urdf cell.yaml --for xacro -o arm.xacro         # include it, and call the macro with prefix and parent
 rig export-urdf cell.yaml --for mjcf -o arm.xml            # for MuJoCo
-rig export-urdf cell.yaml --for mjcf --friction-of runs/yaw --nm-per-a 13.3,13.3,10.9,9.2,9.2,9.2 -o arm.xml
+rig export-urdf cell.yaml --for mjcf --friction-of runs/yaw --nm-per-a K1,K2,K3,K4,K5,K6 -o arm.xml
 rig export-urdf cell.yaml --for franka -o kinematics.yaml  # for franka_description; xarm for xarm_description
 ```
 
@@ -110,7 +110,7 @@ In Python the same arm is a function, with every effect that depends on the post
 from analysis import calibrated_arm
 
 arm = calibrated_arm("found/cell.yaml")
-seen = arm.forward([[0, -90, 90, 0, 90, 0]])     # seen.T in mm, seen.u_mm, seen.covered
+seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm, seen.covered
 asked = arm.inverse(seen.T, near_deg=[0, -90, 90, 0, 90, 0])  # asked.q_deg, asked.reached
 ```
 

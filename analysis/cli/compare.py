@@ -68,6 +68,7 @@ def compare(
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
+
     With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
     """
     from analysis.cli.run_paths import runs_below

@@ -56,8 +56,8 @@ def export_urdf(
         typer.Option(
             "--nm-per-a",
             metavar="NUMBERS",
-            help="Torque at each joint for one ampere of its motor, separated by commas, from the maker's data sheet. "
-            "With --friction-of.",
+            help="Torque at each joint for one ampere of its motor, separated by commas, from the maker's data sheet; "
+            "default: none. With --friction-of.",
         ),
     ] = None,
     output: Annotated[
@@ -66,8 +66,7 @@ def export_urdf(
 ) -> None:
     """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
 
-    Waves of gears are not geometry, and plays and compliances are so in no format but MJCF: they stay behind, and the
-    command says how much that is.
+    What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
     """
     from analysis.correction.geometric_share import geometric_share
     from analysis.model.predict import geometric_arm, model_of

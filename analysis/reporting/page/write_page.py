@@ -1,7 +1,8 @@
 """The page as one HTML file: rendered from templates, pictures and plotting library inside, no request to anywhere.
 
 A Content-Security-Policy allows the two scripts of the page by their SHA-256 and nothing else. plotly's script is
-large, so it lies in the page compressed and the browser unpacks it; what needs no script (text, tables, the still
+large, so it lies in the page compressed, as it lies in this package (`scripts/dev plotting_script` puts it there, with
+version and licence beside it), and the browser unpacks it; what needs no script (text, tables, the still
 pictures) is plain HTML and SVG.
 """
 
@@ -107,9 +108,8 @@ def _acts(report: Report, texts: Texts) -> list[str]:
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
     """The page's script, plotly and the data of the pictures, and the hashes by which the browser allows the first
     two."""
-    from plotly.offline import get_plotlyjs  # noqa: PLC0415 - slow, needed here only
-
-    plotly, script = get_plotlyjs(), _template("report.js")
+    packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
+    script = _template("report.js")
     drawn = {
         "pictures": {f"p{number}": live(picture) for number, picture in enumerate(pictures)},
         "colours": {"light": colours(dark=False), "dark": colours(dark=True)},
@@ -117,8 +117,8 @@ def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
     places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
     return {
         "script": script,
-        "script_hashes": Markup(f"{_hash(script)} {_hash(plotly)}"),  # noqa: S704 - base64 of a hash
-        "plotly": _packed(plotly),
+        "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
+        "plotly": base64.b64encode(packed).decode(),
         "data": _packed(json.dumps(drawn)),
         "place": lambda picture: places[id(picture)],
     }
