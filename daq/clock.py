@@ -154,11 +154,11 @@ class _OneThread(Executor):
             if before is not None and (simulation := _simulated()):
                 simulation.wait(before.done, None)
             try:
-                found = fn(*args, **kwargs)
+                result = fn(*args, **kwargs)
             except Exception as error:  # noqa: BLE001 - whoever waits for it is told, as by any executor
                 done.set_exception(error)
             else:
-                done.set_result(found)
+                done.set_result(result)
 
         Thread(target=work, name=self._name, daemon=True).start()
         return done

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from rows import PANDAS, RUN_WRITER, cost
+from rows import FLOOR, PANDAS, RUN_WRITER, cost
 
 from dev.trials.blind.trial import Job, make_case, runs_of
 from tests.support.benchmarks import Line
@@ -17,6 +19,9 @@ from tests.support.benchmarks import Line
 CIRCLE = Path(__file__).with_name("_bench_circle.py")
 TURNS = 3
 PANDAS_NAME = "pandas and a sine"
+FLOOR_NAME = "pyarrow and a sine"
+_FEW, _MANY = 10, 40
+"""Runs whose peak memories are compared: what the command itself takes is in both."""
 DIAGNOSED = ("one", 0)
 """The kind of case of the blind trial, and its seed."""
 
@@ -32,16 +37,37 @@ def circle_lines() -> Iterator[Line]:
 
 
 def analyse_lines() -> Iterator[Line]:
-    """`rig analyse` of a million readings of each gauge."""
-    with tempfile.TemporaryDirectory() as runs:
-        yield _beside_pandas("analyse", "1e6 readings a gauge", 3.0, _written(runs, 1_000_000))
+    """`rig analyse` by the readings of each gauge, beside what the work itself needs."""
+    for rows, most, turns in (("1e4", 1.3, 3), ("1e5", 1.3, 3), ("1e6", 1.8, 3), ("1e7", 1.8, 1)):
+        with tempfile.TemporaryDirectory() as runs:
+            ours, floor = _in_turns(_written(runs, int(float(rows))), FLOOR, turns)
+        yield Line("analyse", f"{rows} readings a gauge", "CPU s", most * floor, ours, FLOOR_NAME, floor)
+
+
+def many_lines() -> Iterator[Line]:
+    """`rig analyse` of many runs: what each more takes of memory, and how much quicker two jobs are."""
+    with tempfile.TemporaryDirectory() as root:
+        written = _written(root, 10_000)
+        runs = [shutil.copytree(written, f"{root}/run-{number}") for number in range(_MANY)]
+        few, all_runs = (cost("rig", "analyse", *some, "--json").peak_mb for some in (runs[:_FEW], runs))
+        turns = [tuple(_seconds("rig", "analyse", *runs, "--jobs", jobs) for jobs in "12") for _ in range(TURNS)]
+    alone, together = (min(of) for of in zip(*turns, strict=True))
+    yield Line("many", "10 000 readings a gauge, memory of each more run", "MB", 0.3, (all_runs - few) / (_MANY - _FEW))
+    yield Line("many", f"{_MANY} runs, two jobs", "s", alone / 1.8, together, "one job", alone)
+
+
+def _seconds(*command: str) -> float:
+    """Elapsed seconds of a command."""
+    begin = time.monotonic()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return time.monotonic() - begin
 
 
 def small_lines() -> Iterator[Line]:
     """`rig analyse` of ten thousand readings, from the start of the interpreter to the end."""
     with tempfile.TemporaryDirectory() as runs:
         run = _written(runs, 10_000)
-        ours, pandas = _in_turns(run)
+        ours, pandas = _in_turns(run, PANDAS)
     yield Line("small", "1e4 readings a gauge, start to end", "CPU s", 0.5, ours, PANDAS_NAME, pandas)
 
 
@@ -63,17 +89,11 @@ def _written(runs: str, rows: int) -> str:
     return done.stdout.strip()
 
 
-def _in_turns(run: str) -> tuple[float, float]:
-    """CPU s of `rig analyse` and of pandas, best of alternating turns."""
-    turns = [
-        (cost("rig", "analyse", run, "--json").cpu_s, cost(sys.executable, "-c", PANDAS, run).cpu_s)
-        for _ in range(TURNS)
+def _in_turns(run: str, other: str, turns: int = TURNS) -> tuple[float, float]:
+    """CPU s of `rig analyse` and of another program in Python, best of alternating turns."""
+    costs = [
+        (cost("rig", "analyse", run, "--json").cpu_s, cost(sys.executable, "-c", other, run).cpu_s)
+        for _ in range(turns)
     ]
-    ours, pandas = zip(*turns, strict=True)
-    return min(ours), min(pandas)
-
-
-def _beside_pandas(row: str, what: str, most: float, run: str) -> Line:
-    """The ratio to pandas is the goal here."""
-    ours, pandas = _in_turns(run)
-    return Line(row, what, "CPU s", most * pandas, ours, PANDAS_NAME, pandas)
+    ours, its = zip(*costs, strict=True)
+    return min(ours), min(its)

@@ -23,6 +23,7 @@ from analysis.inference.acts import Act
 from analysis.inference.diagnose import diagnose
 from analysis.inference.observation import ObservedRun, by_socket, observe_run
 from analysis.inference.result import Diagnosis
+from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import left_um
 from analysis.model.predict import model_of
 from analysis.reporting.answer_words import AnswerWords, large_parts, sure_parts
@@ -194,7 +195,7 @@ def of_circles(kind: str, seed: int, directory: Path) -> Cell:
 
     def error_um(repaired: str | None, entered: Sequence[Effect]) -> float:
         driven = _driven(truth, job.case, [fault for fault in every if fault.name != repaired])
-        return left_um(driven, driven, entered)
+        return left_um(driven, FittedRuns(driven), entered)
 
     hidden = sorted(truth["hidden"], key=lambda one: -float(one["snr"]))
     return Cell(used[0].rig, used, unseen, error_um, [frozenset(one["class"]) for one in hidden])
@@ -252,7 +253,7 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
         still = replace(arm_with(rest), scatter_mm=0.0)
         there = observe_run(model_of(rig), measured(still, np.random.default_rng([55, seed]), 1), way)
         runs = [replace(there, one=one) for one in by_socket(there.one)]
-        return left_um(runs, runs, entered)
+        return left_um(runs, FittedRuns(runs), entered)
 
     whole = error_um(None, [])
     makes = {fault.name: whole**2 - error_um(fault.name, []) ** 2 for fault in faults}

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from _bench_commands import analyse_lines, circle_lines, diagnose_lines, small_lines
+from _bench_commands import analyse_lines, circle_lines, diagnose_lines, many_lines, small_lines
 from _bench_kinematics import calibrated_lines, forward_lines, inverse_lines, path_lines
 
 from tests.support.benchmarks import Line, page_with, table
@@ -28,6 +28,7 @@ ROWS: dict[str, Callable[[], Iterator[Line]]] = {
     "path": path_lines,
     "circle": circle_lines,
     "analyse": analyse_lines,
+    "many": many_lines,
     "small": small_lines,
     "diagnose": diagnose_lines,
 }

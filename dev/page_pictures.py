@@ -32,7 +32,6 @@ _NUMBERED = (
     (5, r'(<h2 id="budget">)()'),
     (6, r'(<th scope="col" class="word">)(class)'),
     (7, r'(<h2 id="steps">)()'),
-    (8, r"(<h2>)(Figures against their limits)"),
 )
 """What has a number in the documents, by the element before which it stands."""
 _BADGE = (
@@ -43,7 +42,7 @@ _WIDE = 1100
 _STEPS, _SPHERE = "document.querySelector('#steps')", "document.querySelector('figure.sphere')"
 _HEADINGS = "[...document.querySelectorAll('h2')]"
 _YAW = f"{_HEADINGS}.find(one => one.innerText.startsWith('Yaw'))"
-_LIMITS = f"{_HEADINGS}.find(one => one.innerText.startsWith('Figures against')).parentElement"
+_STEPPER = "document.querySelector('.stepper')"
 
 
 def main() -> None:
@@ -117,10 +116,10 @@ def _shot(chromium: Browser, file: Path, x: float, y: float, width: float, heigh
 
 
 def _annotated(chromium: Browser, page: Path, file: Path) -> None:
-    """The page's first screen with its numbers, down to the figures against their limits."""
+    """The page's first screen with its numbers, down to the steps."""
     with _opened(chromium, page, _WIDE):
-        limits = _place_of(chromium, _LIMITS)
-        _shot(chromium, file, 0, 0, _WIDE, limits["y"] + limits["height"])
+        last = _place_of(chromium, _STEPPER)
+        _shot(chromium, file, 0, 0, _WIDE, last["y"] + last["height"] + 10)
 
 
 def _part(chromium: Browser, page: Path, element: str, height: float, file: Path, *, dark: bool = False) -> None:

@@ -34,6 +34,18 @@ angle = np.arctan((g2["g2_mm"] - g1["g1_mm"]).to_numpy() / 50)
 phi = np.linspace(0, 2 * np.pi, len(angle))
 print(np.linalg.lstsq(np.column_stack([np.ones_like(phi), np.sin(phi), np.cos(phi)]), angle, rcond=None)[0])
 """
+FLOOR = """
+import sys, pathlib
+import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+run = pathlib.Path(sys.argv[1])
+def stream(name):
+    return pa.concat_tables([pq.read_table(file) for file in sorted(run.glob(f"{name}-*.parquet"))])
+g1, g2, robot = stream("g1"), stream("g2"), stream("robot")
+angle = np.arctan((g2["g2_mm"].to_numpy() - g1["g1_mm"].to_numpy()) / 50)
+phi = np.linspace(0, 2 * np.pi, len(angle))
+print(np.linalg.lstsq(np.column_stack([np.ones_like(phi), np.sin(phi), np.cos(phi)]), angle, rcond=None)[0])
+"""
+"""What the work itself needs: every column read, and one sine."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from daq.emulators.timed import STEADY
 from daq.store import read_run
 from rigs.load import find, parse
 from rigs.schema.gauges import Gauge
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 from tests.support.stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, TIMED, Errors, errors_of
 from tests.support.stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, MOVES, Latched, Stamped
 

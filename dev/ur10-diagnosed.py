@@ -22,7 +22,7 @@ from analysis.inference.budget import effect_changes
 from analysis.inference.observation import ObservedRun, observe_run
 from analysis.inference.responses import worth
 from analysis.inference.search import SearchResult, search
-from analysis.inference.setups import without_a_fold
+from analysis.inference.setups import FittedRuns, without_a_fold
 from analysis.inference.validation import gap, stages_of
 from analysis.inference.verdict import named_effects
 from analysis.model.predict import model_of
@@ -40,7 +40,7 @@ LISTED = 12
 def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """The faults, each with what it does to the readings in µm."""
     gains = [None] * len(look.state.refined.effects)
-    found = named_effects(look, [seen], gains, effect_changes(look))
+    found = named_effects(look, FittedRuns([seen]), gains, effect_changes(look))
     return [(label_of(one.effect), one.worth_um) for one in found if one.stands]
 
 
@@ -84,7 +84,7 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         (used,), (left_out,) = without_a_fold([seen], folds, k)
         plain_mm = plain_of(used).held_out_mm(ARM, seen_of(left_out), again=False)
         look = search([used], lambda doing: None)
-        after = gap([left_out], stages_of([used], look), look, [series])
+        after = gap([left_out], stages_of(FittedRuns([used]), look), look, [series])
         rows.append((len(left_out.one.rows), 1e-3 * after.before_um, plain_mm, 1e-3 * after.calibrated_um))
         own = faults(look, used)
         names.update(name for name, _ in own)
@@ -109,7 +109,7 @@ def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable])
     print(f"  a healthy arm's share of everything, at {look.state.level:.2f} times its size: "
           f"{told(shares_of(look)[:LISTED])}")  # fmt: skip
     plain = plain_of(seen)
-    stages = stages_of([seen], look)
+    stages = stages_of(FittedRuns([seen]), look)
     for name, other in others.items():
         there = observe_run(model_of(rig), other, f"series {name}")
         plain_mm = plain.held_out_mm(ARM, seen_of(there), again=True)

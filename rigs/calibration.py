@@ -151,9 +151,9 @@ class CalibratedModel(Part):
     @classmethod
     def read(cls, content: bytes) -> CalibratedModel:
         """Return the model of the bytes of a calibration file, which it keeps. Raises ValidationError."""
-        found = cls.model_validate_json(content)
-        vars(found)["content"] = content  # as `content` would keep it
-        return found
+        model = cls.model_validate_json(content)
+        vars(model)["content"] = content  # as `content` would keep it
+        return model
 
     @cached_property
     def content(self) -> bytes:
@@ -162,12 +162,12 @@ class CalibratedModel(Part):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        for one in self.parameters:
-            if one.term >= len(self.terms):
-                raise ValueError(f"a parameter belongs to term {one.term}, and there are {len(self.terms)} terms")
-            effect = self.terms[one.term].effect
-            if one.field != TIMES and not isinstance(getattr(effect, one.field, None), float):
-                raise ValueError(f"a parameter is {one.field} of {effect.effect}, which has no such number")
+        for parameter in self.parameters:
+            if parameter.term >= len(self.terms):
+                raise ValueError(f"a parameter belongs to term {parameter.term}, and there are {len(self.terms)} terms")
+            effect = self.terms[parameter.term].effect
+            if parameter.field != TIMES and not isinstance(getattr(effect, parameter.field, None), float):
+                raise ValueError(f"a parameter is {parameter.field} of {effect.effect}, which has no such number")
         count = len(self.parameters)
         try:
             packed = base64.b64decode(self.factor, validate=True)
@@ -237,8 +237,8 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     """Return the effects that terms, each an effect and how many times of it, make up together."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
-    for one, times in terms:
-        effect = one.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
+    for term, times in terms:
+        effect = term.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
         if is_nothing(effect, times):
             continue
         if _is_sine(effect):
@@ -247,7 +247,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             # Of constants the terms of one seat add up, whatever their reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
-    curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(own)) for axis, own in waves.items()]
+    curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(parts)) for axis, parts in waves.items()]
     whole: list[Effect] = []
     joints: dict[Use, list[Portion]] = {}
     gauges: list[Portion] = []
@@ -258,7 +258,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             joints.setdefault(effect.compensation().use, []).append(Portion(of=effect, times=times))
         else:
             whole.append(scaled(effect, times))
-    together = [JointPortions(portions=tuple(own)) for own in joints.values()]
+    together = [JointPortions(portions=tuple(parts)) for parts in joints.values()]
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
 
 
@@ -306,11 +306,11 @@ class JointCurve(_Calibrated):
     def at(self, q: Array) -> Array:
         """Return the curve (n,) in degrees at reported angles q (n,) rad."""
         order, sine, cosine = np.array(self.waves).T
-        found = np.empty(len(q))
+        curve_deg = np.empty(len(q))
         for begin in range(0, len(q), _ROWS):
             turn = q[begin : begin + _ROWS, None] * order
-            found[begin : begin + _ROWS] = np.sin(turn) @ sine + np.cos(turn) @ cosine
-        return found
+            curve_deg[begin : begin + _ROWS] = np.sin(turn) @ sine + np.cos(turn) @ cosine
+        return curve_deg
 
     def plain(self, joint: str) -> str:
         return f"angle error of {joint} over its angle"
@@ -336,8 +336,8 @@ class _Portions(_Calibrated):
     def apply(self, scene: S) -> S:
         """The scene with what all portions change of it."""
         changed = scene
-        for one in self.portions:
-            changed = changed.blended(scene, one.of.apply(scene), self.share * one.times)
+        for portion in self.portions:
+            changed = changed.blended(scene, portion.of.apply(scene), self.share * portion.times)
         return changed
 
     def compensation(self) -> Compensation:

@@ -4,6 +4,8 @@ YAML's nodes say where in the text each value stands. Numbers are replaced one b
 missing come first in their mapping, whichever style it is written in, and at the end of the file where they are the
 file's own. What comes of it is read again and held against what was asked for, so that a style in which one place is
 used twice (anchors) is refused instead of half changed.
+
+A rig file with more effects: the text as it was, comments and all, and the new effects at the end of their list.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from typing import Any, Literal
 import yaml
 from pydantic import ValidationError
 
+from rigs.calibration import CalibrationFile
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.problems import RigFileError, problems_of
@@ -31,7 +35,7 @@ _Edit = tuple[int, int, str]
 
 
 def with_values(
-    text: str, values: Mapping[Keys, Value], wanted: Rig, where: str, remedy: str = "write them out in the file"
+    text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write them out in the file"
 ) -> str:
     """Return the text of a rig file with other values, checked to be the rig that is wanted.
 
@@ -39,14 +43,14 @@ def with_values(
     unusual way."""
     edited = text
     for parent in dict.fromkeys(keys[:-1] for keys in values):
-        own = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
-        for begin, end, piece in sorted(_edits(edited, parent, own), reverse=True):
+        changes = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
+        for begin, end, piece in sorted(_edits(edited, parent, changes), reverse=True):
             edited = edited[:begin] + piece + edited[end:]
     try:
         reached = parse(edited, where)
     except RigFileError:
         reached = None
-    if reached != wanted:
+    if reached != expected:
         raise FileError(where, "shares values by an anchor, or is laid out so that they cannot be changed", remedy)
     return edited
 
@@ -92,12 +96,12 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
             gap = " " if below.start_mark.index == below.end_mark.index else ""
             return [(below.start_mark.index, below.end_mark.index, gap + flow(_nested(parent[depth + 1 :], values)))]
         node = below
-    there = {key: _child(node, key) for key in values}
-    missing = [f"{key}: {flow(values[key])}" for key, found in there.items() if found is None]
+    nodes = {key: _child(node, key) for key in values}
+    missing = [f"{key}: {flow(values[key])}" for key, child in nodes.items() if child is None]
     edits = [_put_first(node, missing)] if missing else []
-    for key, found in there.items():
-        if found is not None:
-            edits += _replaced(found, values[key])
+    for key, child in nodes.items():
+        if child is not None:
+            edits += _replaced(child, values[key])
     return edits
 
 
@@ -150,3 +154,63 @@ def _nested(keys: Keys, values: Mapping[str, Value]) -> Mapping[str, Any]:
 
 def _rounded(value: float | Sequence[float]) -> float | list[float]:
     return [float(f"{part:.10g}") for part in value] if isinstance(value, Sequence) else float(f"{value:.10g}")
+
+
+def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
+    """The text of a rig file with effects added, and with its calibration replaced where one is given. Raises
+    RigFileError where the result would not be a valid rig file."""
+    grown = _with_effects(text, effects) if effects else text
+    if calibration:
+        grown = _with_calibration(grown, calibration)
+    parse(grown, where)
+    return grown
+
+
+def _with_calibration(text: str, calibration: CalibrationFile) -> str:
+    """The text with the key `calibration` at its end, or where it was."""
+    root = nodes_of(text)
+    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    lines = text.rstrip("\n").split("\n")
+    new = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
+    for key, value in root.value:
+        if key.value == "calibration":
+            first, end = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0)
+            return "\n".join([*lines[:first], *new, *lines[end:]]) + "\n"
+    return "\n".join([*lines, "", *new]) + "\n"
+
+
+def _with_effects(text: str, effects: Sequence[Effect]) -> str:
+    items = [_line(effect) for effect in effects]
+    root = nodes_of(text)
+    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    entries = [(key, value) for key, value in root.value if key.value == "effects"]
+    lines = text.rstrip("\n").split("\n")
+    if (
+        entries
+        and isinstance(entries[0][1], yaml.SequenceNode)
+        and entries[0][1].value
+        and not entries[0][1].flow_style
+    ):
+        last = entries[0][1].value[-1]
+        at = last.end_mark.line + (last.end_mark.column > 0)
+        indent = " " * entries[0][1].start_mark.column
+        lines[at:at] = [f"{indent}- {item}" for item in items]
+    else:
+        if entries:
+            first, end = entries[0][0].start_mark.line, entries[0][1].end_mark.line
+            items = [_dumped(entry) for entry in data_of(text)["effects"] or []] + items
+            del lines[first : end + 1]
+        lines += ["", "effects:", *(f"  - {item}" for item in items)]
+    return "\n".join(lines) + "\n"
+
+
+def _line(effect: Effect) -> str:
+    return _dumped(effect.model_dump(mode="json", exclude_defaults=True) | {"effect": effect.effect})
+
+
+def _dumped(fields: dict[str, object]) -> str:
+    """One line: first what it is, last where it came from."""
+    ordered = {"effect": fields["effect"], **fields}
+    if "found" in ordered:
+        ordered["found"] = ordered.pop("found")
+    return flow(ordered)

@@ -35,11 +35,11 @@ def _hold_packages(program: str, *packages: str) -> None:
     for package in packages:
         spec = find_spec(package)
         if spec is None:
-            what, remedy = f"its package {package} is missing", "install rig again"
+            problem, remedy = f"its package {package} is missing", "install rig again"
         elif not (Path(str(spec.origin)).parent / MARKS[package]).is_file():
-            what = f"another package {package}, in {str(Path(str(spec.origin)).parent)!a}, stands before rig's own"
+            problem = f"another package {package}, in {str(Path(str(spec.origin)).parent)!a}, stands before rig's own"
             remedy = f"run env -u PYTHONPATH {program}, or take that folder from PYTHONPATH"
         else:
             continue
-        print(f"error: {program}: {what}; {remedy}", file=sys.stderr)
+        print(f"error: {program}: {problem}; {remedy}", file=sys.stderr)
         sys.exit(_WRONG_ENVIRONMENT)

@@ -104,10 +104,10 @@ _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as a
 def wrong_use(error: Any, program: str) -> UseError | None:
     """Return the error of a person who typed what typer refuses (a TyperException); None for a group of commands
     without a command, whose help is printed already."""
-    what = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
-    what = what.replace("Input should be", "it must be")
-    if not what:
+    message = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
+    message = message.replace("Input should be", "it must be")
+    if not message:
         return None
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else program
-    return UseError(command, what, f"see {command} --help")
+    return UseError(command, message, f"see {command} --help")

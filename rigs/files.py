@@ -42,13 +42,13 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
     except ValueError as error:  # a zero byte in its name
         raise FileError(str(path), str(error), _REMEDY) from None
     with os.fdopen(fd, "rb") as file:
-        found = os.fstat(fd)
-        if not stat.S_ISREG(found.st_mode):
-            what = "is a directory" if stat.S_ISDIR(found.st_mode) else "is not a regular file"
-            raise FileError(str(path), what, "give a file")
+        status = os.fstat(fd)
+        if not stat.S_ISREG(status.st_mode):
+            problem = "is a directory" if stat.S_ISDIR(status.st_mode) else "is not a regular file"
+            raise FileError(str(path), problem, "give a file")
         file.seek(begin)
         try:
-            return file.read(most), found.st_size
+            return file.read(most), status.st_size
         except MemoryError:
             raise out_of_memory(path) from None
 
@@ -78,6 +78,6 @@ def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> 
     """
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):
-            what = f"has {field} {detail['input']}, which this rig does not know: a newer one wrote it"
-            return FileError(where, what, "install the newest rig on this computer, or use it where it was made")
+            problem = f"has {field} {detail['input']}, which this rig does not know: a newer one wrote it"
+            return FileError(where, problem, "install the newest rig on this computer, or use it where it was made")
     return None

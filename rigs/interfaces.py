@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line
-from rigs.schema.origin import Origin
+from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 NO_DEFAULT = "line to be given"
@@ -58,13 +58,13 @@ def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Inter
     fields = model.model_fields
     origin: Origin = model.origin  # type: ignore[attr-defined]
     line = fields.get("line")
-    own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface", "timing"}
-    keys = tuple(key for key in fields if key in own)
-    found = Interface(name_of(model), kind, "" if line is None else _settings(line), origin, keys)
+    keys_of_its_own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface", "timing"}
+    keys = tuple(key for key in fields if key in keys_of_its_own)
+    interface = Interface(name_of(model), kind, "" if line is None else _settings(line), origin, keys)
     if not issubclass(model, Probe):
-        return found
+        return interface
     modem = "; ".join(f"{cable} {lines}" for cable, lines in model.cables.items())
-    return replace(found, timing=str(fields["timing"].default), timing_source=model.timing_source, modem=modem)
+    return replace(interface, timing=str(fields["timing"].default), timing_source=model.timing_source, modem=modem)
 
 
 def _settings(line: FieldInfo) -> str:

@@ -57,18 +57,20 @@ def find(name: str | Path) -> Path:
     return _found(name, shipped(), "rig file", "rig")
 
 
-def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> Path:
+def _found(name: str | Path, shipped: dict[str, Path], kind: str, short: str) -> Path:
     path = Path(name)
     try:
         if path.exists() and not path.is_dir():
             return path
     except OSError as error:
         raise _unreadable(path, error) from None
-    if shipped_name := the_same(str(name), known):
-        return known[shipped_name]
+    if shipped_name := the_same(str(name), shipped):
+        return shipped[shipped_name]
     if path.is_dir():
-        raise FileError(str(name), f"is a directory, and no {what}", "give a file in it")
-    raise FileError(str(name), f"no such {what}", f"give a path, or the name of a shipped {short}: {', '.join(known)}")
+        raise FileError(str(name), f"is a directory, and no {kind}", "give a file in it")
+    raise FileError(
+        str(name), f"no such {kind}", f"give a path, or the name of a shipped {short}: {', '.join(shipped)}"
+    )
 
 
 def is_shipped(file: Path) -> bool:
@@ -83,9 +85,9 @@ def load(name: str | Path) -> tuple[Rig, str]:
     text = _text(path)
     rig = parse(text, str(path))
     if rig.calibration:
-        beside = path.parent / rig.calibration.file
-        content = _calibration(beside, rig.calibration)
-        hold_plausible(content, rig, str(beside))
+        calibration_path = path.parent / rig.calibration.file
+        content = _calibration(calibration_path, rig.calibration)
+        hold_plausible(content, rig, str(calibration_path))
         rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
@@ -111,11 +113,13 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     try:
         data = read_bytes(path, MOST_CALIBRATION_BYTES)
     except OSError as error:
-        what = f"is named by the rig file beside it and cannot be read: {error.strerror or error}"
-        raise FileError(str(path), what, "copy it there too, or remove the key calibration from the rig file") from None
+        problem = f"is named by the rig file beside it and cannot be read: {error.strerror or error}"
+        raise FileError(
+            str(path), problem, "copy it there too, or remove the key calibration from the rig file"
+        ) from None
     if hashlib.sha256(data).hexdigest() != digest:
-        what = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
-        raise FileError(str(path), what, "restore both files of one diagnosis, or diagnose again")
+        problem = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
+        raise FileError(str(path), problem, "restore both files of one diagnosis, or diagnose again")
     try:
         return CalibratedModel.read(data)
     except ValidationError as error:

@@ -13,14 +13,14 @@ def the_same(name: str, names: Collection[str]) -> str | None:
     digits, whatever their case; None where there is none."""
     if name in names:
         return name
-    alike = [other for other in names if _letters(other) == _letters(name)]
+    alike = [candidate for candidate in names if _letters(candidate) == _letters(name)]
     return alike[0] if len(alike) == 1 else None
 
 
 def nearest(name: str, names: Collection[str]) -> list[str]:
     """Return the names that contain a name, as a person writes it, or else those that look like it; three at most."""
     written = _letters(name)
-    within = [other for other in names if written and written in _letters(other)]
+    within = [candidate for candidate in names if written and written in _letters(candidate)]
     return (within or difflib.get_close_matches(name.lower(), names, cutoff=0.5))[:_MOST_NEAR]
 
 

@@ -67,5 +67,5 @@ def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
 
 def _bound(effect: Any, field: str) -> float:
     """Return the largest value of a parameter of an effect in a rig file, infinite where it has no bound."""
-    known = [getattr(one, "le", None) for one in type(effect).model_fields[field].metadata]
-    return next((float(bound) for bound in known if bound is not None), np.inf)
+    bounds = [getattr(constraint, "le", None) for constraint in type(effect).model_fields[field].metadata]
+    return next((float(bound) for bound in bounds if bound is not None), np.inf)

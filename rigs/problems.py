@@ -70,8 +70,8 @@ def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel])
     """A misspelt tag hides the mistakes of its part: they show once the nearest known tag is taken for it."""
     misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
     for detail in misspelt:
-        tag, known, key = _tag_error(detail)
-        nearest = difflib.get_close_matches(tag, known, n=1, cutoff=_CLOSE)
+        tag, tags, key = _tag_error(detail)
+        nearest = difflib.get_close_matches(tag, tags, n=1, cutoff=_CLOSE)
         data = _with(data, detail["loc"], key, nearest[0]) if nearest else data
     try:
         model.model_validate(data)
@@ -84,8 +84,8 @@ def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel])
 def _tag_error(detail: ErrorDetails) -> tuple[str, list[str], str]:
     """The tag given, those known, and the key it stands under."""
     context = detail["ctx"]
-    known = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
-    return str(context["tag"]), known, context["discriminator"].strip("'")
+    tags = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
+    return str(context["tag"]), tags, context["discriminator"].strip("'")
 
 
 def _with(data: Any, loc: Place, key: str, value: str) -> Any:
@@ -154,40 +154,40 @@ def _name(key: str) -> str:
 
 
 def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
-    kind, given = detail["type"], detail["input"]
+    kind, value = detail["type"], detail["input"]
     if kind == "extra_forbidden":
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":
-        tag, known, _ = _tag_error(detail)
-        return BROKEN.get(tag) or f"{tag!r} is not known{_nearest(tag, known)}"
+        tag, choices, _ = _tag_error(detail)
+        return BROKEN.get(tag) or f"{tag!r} is not known{_nearest(tag, choices)}"
     if kind == "literal_error":
-        known = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
-        tag = _short(given).strip("'")
-        return f"{tag!r} is not known{_nearest(tag, known)}"
+        choices = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
+        tag = _short(value).strip("'")
+        return f"{tag!r} is not known{_nearest(tag, choices)}"
     if kind == "too_short":
         return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
-    if not isinstance(given, int | float | str) or _says(message, _short(given).strip("'")):
+    if not isinstance(value, int | float | str) or _says(message, _short(value).strip("'")):
         return message
-    return f"{message}, not {_short(given)}"
+    return f"{message}, not {_short(value)}"
 
 
-def _says(message: str, given: str) -> bool:
+def _says(message: str, value: str) -> bool:
     """Whether a message names what was given; 0.001 does not say 0."""
-    return re.search(rf"(?<![\w.]){re.escape(given)}(?![\w.])", message) is not None
+    return re.search(rf"(?<![\w.]){re.escape(value)}(?![\w.])", message) is not None
 
 
-def _short(given: object) -> str:
+def _short(value: object) -> str:
     """What was given, as far as a message needs it."""
-    if isinstance(given, int) and given.bit_length() > 1000:
+    if isinstance(value, int) and value.bit_length() > 1000:
         return "a number with hundreds of digits"
-    text = repr(given)
+    text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
-def _nearest(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1, cutoff=_CLOSE)
-    return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(known))}"
+def _nearest(name: str, names: list[str]) -> str:
+    close = difflib.get_close_matches(name, names, n=1, cutoff=_CLOSE)
+    return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(names))}"
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:

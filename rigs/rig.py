@@ -76,18 +76,14 @@ class Rig(Part):
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
         """Return the rig with the calibration of a file, or with none."""
-        found = self.model_copy(update={"calibration": file})
-        found._calibrated = content
-        return found
+        rig = self.model_copy(update={"calibration": file})
+        rig._calibrated = content
+        return rig
 
-    def calibrated_as(self, other: Rig) -> Rig:
+    def calibrated_as(self, rig: Rig) -> Rig:
         """Return the rig with the content of the calibration that it names, if another rig names the same and has
         it."""
-        return (
-            self.with_calibration(other.calibration, other._calibrated)
-            if self.calibration == other.calibration
-            else self
-        )
+        return self.with_calibration(rig.calibration, rig._calibrated) if self.calibration == rig.calibration else self
 
     @property
     def beside(self) -> dict[str, bytes]:
@@ -124,20 +120,20 @@ class Rig(Part):
         axes = len(self.robot.axes)
         driven = self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
         if axes > FEWEST_AXES and driven:
-            what = f"an arm of {axes} axes is measured by poses and touches that are imported"
-            raise ValueError(f"{what}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
+            problem = f"an arm of {axes} axes is measured by poses and touches that are imported"
+            raise ValueError(f"{problem}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
         if self.robot.rail and (driven or self.tests.iso9283):
-            what = "an arm on a rail is measured by poses and touches that are imported"
+            problem = "an arm on a rail is measured by poses and touches that are imported"
             stands = "circle, hemisphere, iso9283, gauges and feedback are of an arm that stands"
-            raise ValueError(f"{what}: {stands}; leave them out, or leave out the rail while it stands")
+            raise ValueError(f"{problem}: {stands}; leave them out, or leave out the rail while it stands")
         return self
 
     @model_validator(mode="after")
     def _read_together(self) -> Rig:
         if bool(dict(self.gauges)) == isinstance(self.feedback, NoFeedback):
-            there, lacks = ("gauges", "feedback") if dict(self.gauges) else ("feedback", "gauges")
-            what = f"{there} without {lacks}: rigd records both together"
-            raise ValueError(f"{what}; add {lacks}, or leave out {there} where a tracker alone measures")
+            present, missing = ("gauges", "feedback") if dict(self.gauges) else ("feedback", "gauges")
+            problem = f"{present} without {missing}: rigd records both together"
+            raise ValueError(f"{problem}; add {missing}, or leave out {present} where a tracker alone measures")
         return self
 
     @field_validator("automatic")

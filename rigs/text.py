@@ -44,9 +44,9 @@ def plain_values(value: Any) -> Any:
         case str():
             return plain(value)
         case dict():
-            return {plain(key): plain_values(one) for key, one in value.items()}
+            return {plain(key): plain_values(item) for key, item in value.items()}
         case list():
-            return [plain_values(one) for one in value]
+            return [plain_values(item) for item in value]
     return value
 
 

@@ -50,13 +50,13 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
             return None, None
         _refuse_repeats_and_long_numbers(root, where)
         if _parts(root, {}) > _MOST_PARTS:
-            what = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
-            raise RigFileError(where, [Problem(1, "", what)])
+            problem = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
+            raise RigFileError(where, [Problem(1, "", problem)])
         return root, loader.construct_document(root)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        what = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {problem}")]) from None
     except RecursionError:
         raise RigFileError(where, [Problem(1, "", "not readable as YAML: nested too deeply")]) from None
     except _UNREADABLE as error:
@@ -85,9 +85,9 @@ def _whole(value: Any) -> Any:
         case float():  # numpy's as well, which PyYAML does not take
             return int(value) if value.is_integer() and abs(value) < _LARGEST_WHOLE else float(value)
         case dict():
-            return {key: _whole(one) for key, one in value.items()}
+            return {key: _whole(item) for key, item in value.items()}
         case list() | tuple():
-            return [_whole(one) for one in value]
+            return [_whole(item) for item in value]
     return value
 
 
@@ -101,31 +101,31 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
             return
         seen.add(id(node))
         if isinstance(node, yaml.MappingNode):
-            known: set[str] = set()
+            keys: set[str] = set()
             for key, value in node.value:
                 walk(key)
                 if isinstance(key, yaml.ScalarNode):
-                    if key.value in known:
+                    if key.value in keys:
                         problems.append(Problem(key.start_mark.line + 1, key.value, "this key occurs twice"))
-                    known.add(key.value)
+                    keys.add(key.value)
                 walk(value)
         elif isinstance(node, yaml.SequenceNode):
             for value in node.value:
                 walk(value)
         elif node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
-            what = f"a number of {len(node.value)} characters; write it with at most {_LONGEST_NUMBER}"
-            problems.append(Problem(node.start_mark.line + 1, "", what))
+            problem = f"a number of {len(node.value)} characters; write it with at most {_LONGEST_NUMBER}"
+            problems.append(Problem(node.start_mark.line + 1, "", problem))
 
     walk(root)
     if problems:
         raise RigFileError(where, problems)
 
 
-def _parts(node: yaml.Node, known: dict[int, int]) -> int:
+def _parts(node: yaml.Node, sizes: dict[int, int]) -> int:
     """Parts that a node stands for, aliases followed: a few lines of aliases of aliases make billions."""
-    if id(node) not in known:
-        known[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
+    if id(node) not in sizes:
+        sizes[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
         inner = node.value if isinstance(node, yaml.CollectionNode) else ()
         pairs = isinstance(node, yaml.MappingNode)
-        known[id(node)] = 1 + sum(_parts(part, known) for entry in inner for part in (entry if pairs else (entry,)))
-    return known[id(node)]
+        sizes[id(node)] = 1 + sum(_parts(part, sizes) for entry in inner for part in (entry if pairs else (entry,)))
+    return sizes[id(node)]

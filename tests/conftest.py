@@ -13,7 +13,7 @@ from collections.abc import Generator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.support.nightly import NIGHT_IS_OVER
+from tests.support.nightly import NIGHT_IS_OVER, is_moved
 from tests.support.stalls import Stalls
 
 pytest_plugins = ["tests.support.cpu_limit", "tests.support.durations"]
@@ -48,9 +48,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip(NIGHT_IS_OVER)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave tests of a night out where nobody asks for them, and repeat tests that watch real time where they were held
     up, each try with the whole time limit."""
+    for item in items:
+        if is_moved(item.nodeid):
+            item.add_marker(pytest.mark.nightly)
     if "nightly" not in config.option.markexpr:
         config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("nightly")])
         items[:] = [item for item in items if not item.get_closest_marker("nightly")]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from dev import nightly as program
 from tests.support.durations import Durations
+from tests.support.nightly import moved
 
 ROOT = Path(__file__).parents[1]
 TESTS = """
@@ -61,3 +64,15 @@ def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files() 
     assert page.startswith("# The last night") and page.count(told) == 1
     assert program.page_with(page, "other").count(told) == 0
     assert "3 tests of a night have run here before: 1 minutes" in program.expected(took)
+
+
+@pytest.mark.parametrize("entry", moved(), ids=lambda entry: entry["of"].removeprefix("tests/"))
+def test_what_the_table_moves_to_the_night_is_there(entry: dict[str, Any]) -> None:
+    """A name that no test has would leave a slow test in each commit, and nobody would see it."""
+    place = ROOT / entry["of"]
+    files = sorted(place.rglob("test_*.py")) if place.is_dir() else [place]
+    defined = {
+        node.name for file in files for node in ast.parse(file.read_text()).body if isinstance(node, ast.FunctionDef)
+    }
+    assert {name.partition("[")[0] for name in entry["tests"]} <= defined
+    assert entry["stays"]

@@ -17,7 +17,7 @@ from typing import Any
 
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 from rigs.distribution import NAME, to_install
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError
 
 _AHEAD = 1000
 """Items given to the cluster beyond the one that is waited for: more than a cluster has threads."""
@@ -39,10 +39,12 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
         waiting = deque((item, client.submit(attempt, work, item, pure=False)) for item in islice(todo, _AHEAD))
         while waiting:
             item, future = waiting.popleft()
-            found = _result(future, item, address)
+            result = _result(future, item, address)
             future.release()
-            waiting.extend((more, client.submit(attempt, work, more, pure=False)) for more in islice(todo, 1))
-            yield outcome_of(item, found)
+            waiting.extend(
+                (following, client.submit(attempt, work, following, pure=False)) for following in islice(todo, 1)
+            )
+            yield outcome_of(item, result)
     finally:
         client.close()
 
@@ -51,8 +53,8 @@ def _connected(address: str) -> Any:
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:
-        what = "needs dask.distributed, which is not installed"
-        raise FileError("--scheduler", what, to_install("distributed")) from None
+        problem = "needs dask.distributed, which is not installed"
+        raise FileError("--scheduler", problem, to_install("distributed")) from None
     # What it logs of a lost connection would stand among the results; what matters of it is raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
@@ -61,9 +63,9 @@ def _connected(address: str) -> Any:
         asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     except (MemoryError, OSError, TypeError, ValueError) as error:  # of memory: what is no scheduler names any size
-        what = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
+        problem = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
-        raise CellError(f"--scheduler {address}", what, remedy) from None
+        raise CellError(f"--scheduler {address}", problem, remedy) from None
 
 
 async def _asked(address: str) -> None:
@@ -98,8 +100,6 @@ def _result(future: Any, item: object, address: str) -> Any:
         remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
         return CellError(str(item), "the workers that worked on it died, one after another", remedy)
     except (CancelledError, OSError) as error:
-        raise _gone(address, error) from None
-
-
-def _gone(address: str, error: BaseException) -> RigError:
-    return CellError(address, f"the Dask scheduler is gone: {type(error).__name__}", "start it and this command again")
+        raise CellError(
+            address, f"the Dask scheduler is gone: {type(error).__name__}", "start it and this command again"
+        ) from None

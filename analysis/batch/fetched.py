@@ -91,15 +91,15 @@ def _fetch(run: RemotePath, into: Path) -> None:
     with explained(run):
         into.mkdir()
         store, folder = opened(run)
-        files = [one for one in entries(store, folder)[0] if is_read(one.name)]
+        files = [file for file in entries(store, folder)[0] if is_read(file.name)]
         if not files:
             raise FileError(str(run), "holds no run", "give a run, or a directory of runs")
-        needed, free = sum(one.size for one in files), shutil.disk_usage(into).free
+        needed, free = sum(file.size for file in files), shutil.disk_usage(into).free
         if needed > free:
             room = f"{tempfile.gettempdir()} has room for {free / 1e6:.1f} MB"
             raise CellError(str(run), f"has {needed / 1e6:.1f} MB, and the temporary directory {room}", _MORE_ROOM)
-        store.get([f"{folder}/{one.name}" for one in files], [str(into / one.name) for one in files])
-        for one in files:
-            if (into / one.name).stat().st_size != one.size:
-                what = f"has changed while it was read: {one.name} is not as it was listed"
-                raise FileError(str(run), what, "give this command again")
+        store.get([f"{folder}/{file.name}" for file in files], [str(into / file.name) for file in files])
+        for file in files:
+            if (into / file.name).stat().st_size != file.size:
+                problem = f"has changed while it was read: {file.name} is not as it was listed"
+                raise FileError(str(run), problem, "give this command again")

@@ -54,9 +54,9 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
         return FileError(str(item), f"the computation failed: {error}", _REMEDY)
 
 
-def outcome_of(item: Item, found: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
+def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
     """What `attempt` returned as an outcome."""
-    return Failed(item, found, deaths) if isinstance(found, RigError) else Done(item, found, deaths)
+    return Failed(item, result, deaths) if isinstance(result, RigError) else Done(item, result, deaths)
 
 
 def is_numerical(error: BaseException) -> bool:

@@ -54,17 +54,17 @@ def in_processes(
     """The outcomes in the order of the items. All processes are gone when the iteration ends, however it ends."""
     todo = list(range(len(items)))[::-1]
     deaths = [0] * len(items)
-    found: dict[int, Outcome[Item, Value]] = {}
+    outcomes: dict[int, Outcome[Item, Value]] = {}
     workers: list[_Worker] = []
     try:
         for following in range(len(items)):
-            while following not in found:
+            while following not in outcomes:
                 _keep_busy(workers, work, items, todo, (processes, following + _AHEAD))
                 for worker in _heard(workers):
                     place, worker.place = worker.place, None
                     assert place is not None  # noqa: S101 - only those at work are listened to
                     try:
-                        found[place] = outcome_of(items[place], _received(worker.line), deaths[place])
+                        outcomes[place] = outcome_of(items[place], _received(worker.line), deaths[place])
                     except (EOFError, ConnectionError):
                         workers.remove(worker)
                         _bury(worker)
@@ -72,8 +72,8 @@ def in_processes(
                         if deaths[place] < _TRIES:
                             todo.append(place)
                         else:
-                            found[place] = Failed(items[place], _killed(items[place], worker.process), deaths[place])
-            yield found.pop(following)
+                            outcomes[place] = Failed(items[place], _killed(items[place], worker.process), deaths[place])
+            yield outcomes.pop(following)
     finally:
         for worker in workers:
             _bury(worker)
@@ -97,19 +97,15 @@ def _keep_busy(
         if idle is None:
             if len(workers) >= processes:
                 return
-            idle = _started(work)
+            ours, theirs = _CONTEXT.Pipe()
+            process = _CONTEXT.Process(target=_serve, args=(work, theirs), daemon=True)
+            process.start()
+            theirs.close()
+            idle = _Worker(process, ours)
             workers.append(idle)
         idle.place = todo.pop()
         with suppress(ConnectionError):  # it has died since, which is heard next
             idle.line.send(items[idle.place])
-
-
-def _started(work: Callable[[Any], Any]) -> _Worker:
-    ours, theirs = _CONTEXT.Pipe()
-    process = _CONTEXT.Process(target=_serve, args=(work, theirs), daemon=True)
-    process.start()
-    theirs.close()
-    return _Worker(process, ours)
 
 
 def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
@@ -122,10 +118,10 @@ def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
 
 def _received(line: Connection[Any, Any]) -> Any:
     """What the work gave. Raises EOFError where the process has died, and the bug that it ran into."""
-    is_bug, found = line.recv()
+    is_bug, answer = line.recv()
     if is_bug:
-        raise found
-    return found
+        raise answer
+    return answer
 
 
 def _bury(worker: _Worker) -> None:

@@ -61,13 +61,13 @@ class RemotePath(_Path):
 
 def location(text: str) -> Path:
     """What a person named: a path of this computer, or a URL. Raises FileError for a URL that cannot be taken."""
-    found = _URL.fullmatch(text)
+    url = _URL.fullmatch(text)
     if "::" in text and "://" in text:
-        what = "holds ::, which fsspec takes for a chain of URLs"
-        raise FileError(f"{text.partition(':')[0]}:…", what, "give one URL, and a computer by its name")
-    if not found:
+        problem = "holds ::, which fsspec takes for a chain of URLs"
+        raise FileError(f"{text.partition(':')[0]}:…", problem, "give one URL, and a computer by its name")
+    if not url:
         return Path(text)
-    protocol, host, names = found[1].lower(), found[2], found[3]
+    protocol, host, names = url[1].lower(), url[2], url[3]
     if ":" in host.rpartition("@")[0] or _SLASHED_PASSWORD.match(host + names):
         remedy = "leave it out: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
         raise FileError(f"{protocol}://…", "holds a password, which others on this computer can see", remedy)

@@ -2,18 +2,26 @@
 
 fsspec is an extra, and each protocol has a package of its own, whose errors are of many kinds. They are sorted
 here by what a person can do: install something, check the URL, ask for the right to read, or wait for the network.
+
+The runs below a URL are known by listing alone. An object store lists a thousand objects in one request, whatever
+directories their names form, so it is asked once for all; elsewhere each directory is a request. A process of its own
+asks: the packages of stores start threads, which a process that forks later must not have, and one that waits for a
+store is ended by Ctrl-C at once.
 """
 
 from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
+from analysis.batch.outcomes import Failed
+from analysis.batch.processes import in_processes
 from analysis.batch.remote_path import RemotePath
+from analysis.batch.run_files import NO_RUNS, is_run
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
 
@@ -96,7 +104,7 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
         with suppress(FileNotFoundError):  # a link that leads nowhere
             info = listed if listed["type"] == "file" and listed.get("size") is not None else store.info(listed["name"])
             files += [remote_file(name, info)] if info["type"] == "file" else []
-    return sorted(files, key=lambda one: one.name), sorted(folders)
+    return sorted(files, key=lambda file: file.name), sorted(folders)
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
@@ -120,16 +128,16 @@ def is_plain(name: str) -> bool:
 def _explanation(where: RemotePath, error: Exception) -> RigError:
     kinds = {kind.__name__ for kind in type(error).__mro__}
     number = getattr(error, "errno", None)
-    said = _said(error)
+    message = _said(error)
     cases: tuple[tuple[bool, type[RigError], str, str], ...] = (
         (
             isinstance(error, ImportError),
             FileError,
-            f"needs a package that is not installed: {said}",
+            f"needs a package that is not installed: {message}",
             to_install(_PACKAGES[where.protocol]) if where.protocol in _PACKAGES else "install it beside rig",
         ),
         (
-            isinstance(error, ValueError) and "Protocol not known" in said,
+            isinstance(error, ValueError) and "Protocol not known" in message,
             FileError,
             "is of a protocol that fsspec does not know",
             "give s3://…, sftp://… or a directory",
@@ -143,7 +151,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             bool(kinds & _DENIED),
             FileError,
-            f"may not be read: {said}",
+            f"may not be read: {message}",
             "check the credentials, and the right to list and read",
         ),
         (
@@ -161,13 +169,13 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             bool(kinds & _LOST) or (type(error) is OSError and number in _UNREACHABLE),
             StoreLost,
-            f"the store does not answer: {said}",
+            f"the store does not answer: {message}",
             "check the network and the store, then give this command again",
         ),
-        (True, FileError, f"cannot be read: {said}", "check the URL, the store and the settings of fsspec"),
+        (True, FileError, f"cannot be read: {message}", "check the URL, the store and the settings of fsspec"),
     )
-    _, kind, what, remedy = next(case for case in cases if case[0])
-    return kind(str(where), what, remedy)
+    _, kind, problem, remedy = next(case for case in cases if case[0])
+    return kind(str(where), problem, remedy)
 
 
 def _said(error: Exception) -> str:
@@ -175,3 +183,75 @@ def _said(error: Exception) -> str:
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
     return words[:_LONGEST].rstrip(".")
+
+
+OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "oss", "oci", "r2")
+Steps = tuple[str, ...]
+"""The names of a directory below another."""
+
+
+@dataclass(frozen=True)
+class RemoteRun:
+    """A run elsewhere; files: in its directory, None where that may not be listed."""
+
+    path: RemotePath
+    files: tuple[RemoteFile, ...] | None
+
+
+def remote_runs(top: RemotePath) -> list[RemoteRun]:
+    """The runs below a URL, or the one that it names, in the order of names. Raises RigError."""
+    (outcome,) = in_processes(listed, [top], 1)
+    if isinstance(outcome, Failed):
+        raise outcome.error
+    return outcome.value
+
+
+def listed(top: RemotePath) -> list[RemoteRun]:
+    """The same in this process."""
+    with explained(top):
+        store, folder = opened(top)
+        folders = _of_objects(store, folder) if top.protocol in OBJECT_STORES else _walked(store, folder, top)
+        return [RemoteRun(top.joinpath(*steps), files) for steps, files in _runs(folders)]
+
+
+def _runs(folders: Iterable[tuple[Steps, tuple[RemoteFile, ...] | None]]) -> Iterator[tuple[Steps, Any]]:
+    """Those of the directories that are runs or may hold some; none within another run."""
+    run: Steps | None = None
+    for steps, files in folders:
+        if run is not None and steps[: len(run)] == run:
+            continue
+        if files is None or is_run(file.name for file in files):
+            run = steps
+            yield steps, files
+
+
+def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
+    """The directories below another, that itself first, by the names of all objects."""
+    folders: dict[Steps, list[RemoteFile]] = {}
+    store.invalidate_cache(folder)
+    for name, info in store.find(folder, detail=True).items():
+        *steps, file = name_below(folder, name).split("/")
+        if info["type"] == "file" and all(map(is_plain, [*steps, file])) and not any(s.startswith(".") for s in steps):
+            folders.setdefault(tuple(steps), []).append(remote_file(file, info))
+    for key, files in sorted(folders.items()):
+        yield key, tuple(sorted(files, key=lambda file: file.name))
+
+
+def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:
+    """The same, directory by directory; one that may not be listed is given without files."""
+    todo: list[Steps] = [()]
+    while todo:
+        steps = todo.pop()
+        try:
+            with explained(where.joinpath(*steps)):
+                files, folders = entries(store, "/".join([top.rstrip("/"), *steps]) or "/")
+        except StoreLost:
+            raise
+        except RigError:
+            if not steps:
+                raise
+            if steps[-1] != NO_RUNS:
+                yield steps, None
+            continue
+        yield steps, tuple(files)
+        todo += [(*steps, name) for name in reversed(folders) if not name.startswith(".")]

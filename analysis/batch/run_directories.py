@@ -18,16 +18,16 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
     A path that holds no run stands for itself, so that reading it reports what is wrong with it. Raises CellError
     where the store of a URL does not answer.
     """
-    found: dict[Path, Path] = {}
+    runs: dict[Path, Path] = {}
     for path in paths:
         for run in _runs_of(path) or [path]:
-            found.setdefault(run.resolve(), run)
-    return list(found.values())
+            runs.setdefault(run.resolve(), run)
+    return list(runs.values())
 
 
 def _runs_of(path: Path) -> list[Path]:
     if isinstance(path, RemotePath):
-        from analysis.batch.remote_runs import remote_runs  # noqa: PLC0415 - not for a directory
+        from analysis.batch.remote_store import remote_runs  # noqa: PLC0415 - not for a directory
 
         with suppress(FileError):
             return [run.path for run in remote_runs(path)]
@@ -49,21 +49,20 @@ def _runs_below(top: Path) -> Iterator[Path]:
             continue
         try:
             status = folder.stat()
-            here = (status.st_dev, status.st_ino)
-            below = _directories_in(folder) if here not in entered else []
+            identity = (status.st_dev, status.st_ino)
+            below = (
+                sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+                if identity not in entered
+                else []
+            )
         except NotADirectoryError:
             continue
         except OSError:
             if folder.name != NO_RUNS:
                 yield folder
             continue
-        entered.add(here)
+        entered.add(identity)
         todo += reversed(below)
-
-
-def _directories_in(folder: Path) -> list[Path]:
-    """The directories and links to some in a folder, by name. Raises OSError where it may not be read or entered."""
-    return sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
 
 
 def _is_run(path: Path) -> bool:

@@ -53,7 +53,8 @@ def analyse(
             raise UseError("--lines", what, "leave those out")
         end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
-    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
+    drawn = plot is not None or truth is not None
+    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler, with_rows=drawn)
     if results:
         _show(results, as_json=as_json, plot=plot, each=each, truth=truth)
     end_with(worst(errors))

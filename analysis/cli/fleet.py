@@ -15,8 +15,7 @@ from analysis.cli.options import AsJson, Jobs, Scheduler, location
 from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
-    from analysis.fleet.gather import Fleet
-    from analysis.fleet.known import Progress
+    from analysis.fleet.gather import Fleet, Progress
     from analysis.history.collect import Workers
 
 
@@ -60,7 +59,7 @@ def fleet(
 
         hold_page(output)
     if parquet:
-        from analysis.files.existing import refuse_foreign
+        from analysis.files.write import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
     if catalogue:

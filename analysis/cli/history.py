@@ -95,7 +95,7 @@ def _collected(data: Path, robot: str, workers: Workers) -> Collected:
 
     if isinstance(data, RemotePath):
         from analysis.fleet.catalogue import default_path
-        from analysis.fleet.robot import collect_by_catalogue
+        from analysis.fleet.gather import collect_by_catalogue
 
         return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
     from analysis.history.collect import collect

@@ -78,7 +78,7 @@ def import_(
     from analysis.cli.import_map import mapped_run, needs_map
     from analysis.cli.progress import progress_of
     from analysis.files.bags import file_of
-    from analysis.files.existing import refuse_existing
+    from analysis.files.write import refuse_existing
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")

@@ -14,7 +14,7 @@ from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
 
 if TYPE_CHECKING:
-    from analysis.setup.options import Options
+    from analysis.setup.answers import Options
     from rigs.rig import Rig
 
 _INTERRUPTED = 130
@@ -88,7 +88,7 @@ def init(
     Without a terminal, every question has its option.
     """
     from analysis.cli.check import check
-    from analysis.setup.options import Options, keys_of, places_of
+    from analysis.setup.answers import Options, keys_of, places_of
 
     keys = keys_of(key or ())
     options = Options(

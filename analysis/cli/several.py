@@ -99,19 +99,28 @@ def _watched(
 
 
 def evaluated(
-    runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None
+    runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None, with_rows: bool = True
 ) -> tuple[list[Result], list[RigError]]:
-    """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others."""
-    from analysis.measures.results import borrowers, evaluated_again, read_and_evaluated
+    """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others.
+
+    with_rows: keep the rows of each run; figures and doubts alone take some 0.2 MB a run."""
+    from analysis.measures.results import (
+        borrowers,
+        evaluated_again,
+        figures_again,
+        figures_alone,
+        read_and_evaluated,
+    )
 
     first: list[Result] = []
-    errors = over_runs(read_and_evaluated, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
+    work = read_and_evaluated if with_rows else figures_alone
+    errors = over_runs(work, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
     results = dict(enumerate(first))
     to_repeat = borrowers(first)
     for borrower in to_repeat:
         del results[borrower.place]
     errors += over_runs(
-        evaluated_again,
+        evaluated_again if with_rows else figures_again,
         to_repeat,
         lambda found: results.update([found]),
         doing="evaluating with the noise of other runs",

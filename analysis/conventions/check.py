@@ -46,23 +46,27 @@ class Checked:
 
 def check_runs(runs: Runs) -> list[Checked]:
     """Hold runs of one robot against every convention, alone and together."""
-    found, told = findings_of(runs), _with_joints(runs)
+    findings, with_joints = findings_of(runs), _with_joints(runs)
     return [
         Checked(
-            one,
-            tuple(finding for finding in found if finding.convention == one.name),
-            one.cannot(told) if told else "" if one.name in _SHOWN_BY_PATHS else "a path has neither joints nor gauges",
+            convention,
+            tuple(finding for finding in findings if finding.convention == convention.name),
+            convention.cannot(with_joints)
+            if with_joints
+            else ""
+            if convention.name in _SHOWN_BY_PATHS
+            else "a path has neither joints nor gauges",
         )
-        for one in CONVENTIONS
+        for convention in CONVENTIONS
     ]
 
 
 def findings_of(runs: Runs) -> list[Finding]:
     """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
     their places alone."""
-    told, paths = _with_joints(runs), [run for run in runs if isinstance(run.table, PathTable)]
-    found = [finding for find in _FINDERS for finding in find(told)] if told else []
-    return [*found, *(finding for find in _OF_PATHS for finding in find(paths))]
+    with_joints, paths = _with_joints(runs), [run for run in runs if isinstance(run.table, PathTable)]
+    findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
+    return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
@@ -104,11 +108,11 @@ def _stands(runs: Runs) -> Iterator[Finding]:
 def _gauges(runs: Runs) -> Iterator[Finding]:
     """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
     the ball's place; the surest of each run."""
-    known: set[str] = set()
+    named: set[str] = set()
     for find in (repeat_findings, sign_findings, _each(order_findings)):
-        found = list(find([run for run in runs if run.run.manifest.name not in known]))
-        known.update(name for finding in found for name in finding.runs)
-        yield from found
+        findings = list(find([run for run in runs if run.run.manifest.name not in named]))
+        named.update(name for finding in findings for name in finding.runs)
+        yield from findings
 
 
 def _measured_places(runs: Runs) -> Iterator[Finding]:

@@ -29,10 +29,10 @@ def duplicate_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     lost = (table.xyz_mm == 0).all(axis=1)
     places = forward(arm_of(rig.robot), table.q)[:, :3, 3]
-    same = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
+    group_of_row = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
     copied = 0
-    for group in np.flatnonzero(np.bincount(same) > 1).tolist():
-        alike = (same == group) & ~lost
+    for group in np.flatnonzero(np.bincount(group_of_row) > 1).tolist():
+        alike = (group_of_row == group) & ~lost
         if not alike.any():
             continue
         if np.linalg.norm(places[alike] - places[alike][0], axis=1).max() > _ELSEWHERE_MM:

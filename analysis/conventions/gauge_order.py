@@ -61,8 +61,8 @@ def order_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if exchanged.apart_mm <= _CLOSER * labelled.apart_mm:
         yield _exchanged(labelled)
     elif labelled.size_mm > _SEEN_MM:
-        for number, one in ((1, first), (2, second)):
-            if one.apart_mm <= _NEGATED * one.size_mm and labelled.apart_mm > labelled.size_mm:
+        for number, meaning_of_sign in ((1, first), (2, second)):
+            if meaning_of_sign.apart_mm <= _NEGATED * meaning_of_sign.size_mm and labelled.apart_mm > labelled.size_mm:
                 yield _negated(number)
 
 
@@ -92,8 +92,8 @@ class _Eccentricities:
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
         fit = np.linalg.lstsq(waves, seen, rcond=None)[0]
-        rest = float(np.sqrt(np.mean((seen - waves @ fit) ** 2) * 2))
-        return cls(-fit[1:, 0], np.array([-fit[2, 1], fit[1, 1]]), rest)
+        rms_mm = float(np.sqrt(np.mean((seen - waves @ fit) ** 2) * 2))
+        return cls(-fit[1:, 0], np.array([-fit[2, 1], fit[1, 1]]), rms_mm)
 
 
 def _exchanged(labelled: _Eccentricities) -> Finding:
@@ -115,10 +115,10 @@ def negated(number: int) -> str:
 
 
 def _negated(number: int) -> Finding:
-    name, other = f"g{number}", f"g{3 - number}"
+    name, second = f"g{number}", f"g{3 - number}"
     what = (
-        f"{name} may count the other way than {other}: only then do the mean of the gauges and their difference show "
+        f"{name} may count the other way than {second}: only then do the mean of the gauges and their difference show "
         "the ball in one place"
     )
-    remedy = f"press {name} and see whether it counts as {other} does; give counts in the rig file, or change its sign"
+    remedy = f"press {name} and see whether it counts as {second} does; give counts in the rig file, or change its sign"
     return Finding(SIGN, "likely", (f"{name}_mm",), negated(number), what, remedy)

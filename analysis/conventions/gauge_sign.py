@@ -55,20 +55,20 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     gauged = [run for run in runs if not isinstance(run.table, PlaceTable | PathTable)]
     groups: list[list[Measured]] = []
     for run in gauged:
-        own = next((group for group in groups if _same_cell(group[0], run)), None)
-        if own is None:
+        group_of_run = next((group for group in groups if _same_cell(group[0], run)), None)
+        if group_of_run is None:
             groups.append([run])
         else:
-            own.append(run)
+            group_of_run.append(run)
     for group in groups:
-        known = [finding for run in group for finding in _known_effects(run)]
-        yield from known
-        if not known:
+        by_effects = [finding for run in group for finding in _known_effects(run)]
+        yield from by_effects
+        if not by_effects:
             yield from _leading_play(group)
 
 
-def _same_cell(one: Measured, other: Measured) -> bool:
-    return one.rig.gauges == other.rig.gauges and one.rig.robot == other.rig.robot
+def _same_cell(first: Measured, second: Measured) -> bool:
+    return first.rig.gauges == second.rig.gauges and first.rig.robot == second.rig.robot
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
@@ -115,16 +115,16 @@ def _left_mm(model: Model, table: CircleTable | RadialTable | RepeatabilityTable
         return read(model, table, path, scene, place)
 
     predicted = at(setup.ball)
-    some = slice(None, None, max(1, len(predicted) // _ROWS))
-    slopes = [(at(setup.ball + step) - predicted)[some].ravel() / 0.01 for step in 0.01 * np.eye(3)]
+    screened_rows = slice(None, None, max(1, len(predicted) // _ROWS))
+    slopes = [(at(setup.ball + step) - predicted)[screened_rows].ravel() / 0.01 for step in 0.01 * np.eye(3)]
     count = predicted.shape[1]
-    zeros = [np.tile(one, len(predicted[some])) for one in np.eye(count)]
+    zeros = [np.tile(unit, len(predicted[screened_rows])) for unit in np.eye(count)]
     seen = sign * table.g_mm.reshape(predicted.shape)
-    left = (seen - predicted)[some].ravel()
-    there = np.isfinite(left)
-    design = np.stack([*slopes, *zeros], axis=1)[there]
-    left = left[there] - design @ np.linalg.lstsq(design, left[there], rcond=None)[0]
-    return float(np.sqrt(np.mean(left**2)))
+    residual = (seen - predicted)[screened_rows].ravel()
+    finite = np.isfinite(residual)
+    design = np.stack([*slopes, *zeros], axis=1)[finite]
+    residual = residual[finite] - design @ np.linalg.lstsq(design, residual[finite], rcond=None)[0]
+    return float(np.sqrt(np.mean(residual**2)))
 
 
 @dataclass(frozen=True)
@@ -155,13 +155,15 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if not values or not energies.all():
         return
     best = int(np.argmin(energies))
-    labelled, left = float(energies[0]), float(energies[best])
-    gain = values / 2 * float(np.log(labelled / left))
-    as_labelled, as_meant = (float(np.sqrt(one / (values * _ALIKE))) for one in (labelled, left))
-    if gain < _DECISIVE or labelled < _FITS * left or as_labelled < _LEAST_MM:
+    labelled, least = float(energies[0]), float(energies[best])
+    gain = values / 2 * float(np.log(labelled / least))
+    as_labelled, as_meant = (float(np.sqrt(energy / (values * _ALIKE))) for energy in (labelled, least))
+    if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _LEAST_MM:
         return
-    alike = _by_the_ball([one for one, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * left], runs)
-    words = " or ".join(one.words for one in alike)
+    alike = _by_the_ball(
+        [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least], runs
+    )
+    words = " or ".join(meant.words for meant in alike)
     what = (
         f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
         f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
@@ -170,7 +172,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     names = tuple(run.run.manifest.name for run in runs)
     misfit = Misfit(as_labelled, as_meant, gain)
     remedy = _EXCHANGE if exchanged else _REMEDY
-    strength: Strength = "decisive" if labelled >= _FITS_WELL * left else "likely"
+    strength: Strength = "decisive" if labelled >= _FITS_WELL * least else "likely"
     yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, what, remedy, misfit, names)
 
 
@@ -198,9 +200,9 @@ def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
     ball in one place; all where the ball shows nothing."""
     seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
     if EXCHANGED in seen:
-        return [one for one in alike if one.columns == (1, 0)] or alike
+        return [meant for meant in alike if meant.columns == (1, 0)] or alike
     signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
-    return [one for one in alike if one.columns == (0, 1) and one.signs == signs] or alike
+    return [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
 
 
 def _as(way: _Way, meant: _Meant) -> _Way:
@@ -252,14 +254,14 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     late = (slopes * (acw.speed - cw.speed)[:, None, :]).reshape(-1, 6)
     phi = np.arange(GRID) * 2 * np.pi / GRID
     slow = np.stack([np.ones(GRID), np.cos(phi), np.sin(phi), acw.since, cw.since], axis=1)
-    each = np.concatenate([np.kron(slow, one[:, None]) for one in np.eye(2)], axis=1)
+    each = np.concatenate([np.kron(slow, unit[:, None]) for unit in np.eye(2)], axis=1)
     stuck = np.zeros((GRID, 2, 2))
     stuck[:, [0, 1], [0, 1]] = acw.stuck - cw.stuck
     design = np.concatenate([each, late, stuck.reshape(-1, 2)], axis=1)
     taken, sizes, _ = np.linalg.svd(_scaled(design), full_matrices=False)
     basis = taken[:, sizes > 1e-9 * sizes[0]]
-    left, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
-    return float(nnls(plays, left)[1]) ** 2
+    rest_of_readings, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
+    return float(nnls(plays, rest_of_readings)[1]) ** 2
 
 
 def _scaled(design: Array) -> Array:

@@ -42,45 +42,45 @@ def meanings(axes: int) -> list[Meaning]:
 
 
 def _couplings(axes: int) -> list[Meaning]:
-    found = []
+    ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
         matrix[2, 1] = sign
         do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
-        found.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
-    return found
+        ways.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
+    return ways
 
 
 def _directions(axes: int) -> list[Meaning]:
-    found = []
+    ways = []
     for axis in range(1, axes + 1):
         matrix = np.eye(axes)
         matrix[axis - 1, axis - 1] = -1.0
         do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
-        found.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
-    return found
+        ways.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
+    return ways
 
 
 def _orders(axes: int) -> list[Meaning]:
-    found = []
-    for one, other in combinations(range(1, axes + 1), 2):
+    ways = []
+    for first, second in combinations(range(1, axes + 1), 2):
         rows = list(range(axes))
-        rows[one - 1], rows[other - 1] = other - 1, one - 1
-        words, do = f"J{one} and J{other} exchanged", f"exchange the columns q{one}_deg and q{other}_deg"
-        found.append(_meaning((one, other), words, do, np.eye(axes)[rows]))
-    return found
+        rows[first - 1], rows[second - 1] = second - 1, first - 1
+        words, do = f"J{first} and J{second} exchanged", f"exchange the columns q{first}_deg and q{second}_deg"
+        ways.append(_meaning((first, second), words, do, np.eye(axes)[rows]))
+    return ways
 
 
 def _zeros(axes: int) -> list[Meaning]:
-    found = []
+    ways = []
     for axis in range(1, axes + 1):
         for off_deg in _ZEROS_DEG:
             offset = np.zeros(axes)
             offset[axis - 1] = np.radians(off_deg)
             words = f"{off_deg:+.0f}° on J{axis}"
             do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
-            found.append(_meaning((axis,), words, do, np.eye(axes), offset))
-    return found
+            ways.append(_meaning((axis,), words, do, np.eye(axes), offset))
+    return ways
 
 
 def _meaning(axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offset: Array | None = None) -> Meaning:

@@ -64,7 +64,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     best, as_labelled, as_good = _judged(table, rig)
     if best is None or as_labelled < _NOTHING_MM:
         return
-    words = " or ".join(one.meaning.words for one in (best, *as_good))
+    words = " or ".join(judged.meaning.words for judged in (best, *as_good))
     rows = "poses fit" if isinstance(table, PoseTable) else "rows lie on the path of the test"
     what = (
         f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
@@ -96,37 +96,59 @@ def _judged(table: Table, rig: Rig) -> _Verdict:
     if cannot_tell(table, rig):
         return None, 0.0, []
     if not isinstance(table, PoseTable):
-        return _on_path(table, rig)
+        # Of a circle or of targets: which meaning puts the tool on the path that the rig file states.
+        arm = arm_of(rig.robot)
+        rows = slice(None, None, max(1, len(table.q) // _ROWS))
+        part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+
+        def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
+            path = off_path(forward(arm, read(part.q)), part, rig)
+            return (0.0, True) if path is None else (path.off_mm, path.on)
+
+        as_labelled, is_on = off(lambda q: q)
+        if is_on:
+            return None, as_labelled, []
+        judged = [
+            _Judged(meaning, off_mm, len(part.q))
+            for meaning in meanings(arm.axes)
+            for off_mm, on in [off(meaning.of)]
+            if on
+        ]
+        return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
     bare = without_setup(arm_of(rig.robot))
-    found = _of_misfits(table, bare, with_turns=False)
-    return found if found[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
+    verdict = _of_misfits(table, bare, with_turns=False)
+    return verdict if verdict[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
 
 
 def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> _Verdict:
     few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
     as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
     screened = sorted(
-        meanings(bare.axes), key=lambda one: left_mm(few, bare, one.of(few.q), _STEPS, with_turns=with_turns)
+        meanings(bare.axes), key=lambda meaning: left_mm(few, bare, meaning.of(few.q), _STEPS, with_turns=with_turns)
     )
     values = int(3 * _KEPT * len(table.q)) - 9
     judged = [
-        _Judged(one, left_mm(many, bare, one.of(many.q), 100, with_turns=with_turns), values)
-        for one in screened[:_BEST]
+        _Judged(meaning, left_mm(many, bare, meaning.of(many.q), 100, with_turns=with_turns), values)
+        for meaning in screened[:_BEST]
     ]
     return _decided(judged, as_labelled, RIGHT_MM)
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> _Verdict:
-    first, *others = sorted(judged, key=lambda one: one.left_mm)
+    first, *others = sorted(judged, key=lambda judged_meaning: judged_meaning.left_mm)
     if first.left_mm > right_mm or as_labelled < CLEARLY * first.left_mm:
         return None, as_labelled, []
-    return first, as_labelled, [one for one in others if one.left_mm < _AS_WELL * first.left_mm]
+    return (
+        first,
+        as_labelled,
+        [judged_meaning for judged_meaning in others if judged_meaning.left_mm < _AS_WELL * first.left_mm],
+    )
 
 
 def _some(table: PoseTable, rows: int) -> PoseTable:
     """The table without lost places, and of many poses so many, evenly."""
-    there = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
-    chosen = there[np.unique(np.linspace(0, len(there) - 1, rows).astype(int))]
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))]
     rpy = None if table.rpy is None else table.rpy[chosen]
     return PoseTable(table.q[chosen], table.xyz_mm[chosen], rpy)
 
@@ -156,23 +178,6 @@ def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:
     arm = Rotation.from_matrix(T[:, :3, :3])
     tool = (arm[kept].inv() * seen[kept]).mean()
     return np.asarray((seen * (arm * tool).inv()).magnitude())
-
-
-def _on_path(table: Table, rig: Rig) -> _Verdict:
-    """As `_judged`, of a circle or of targets: which meaning puts the tool on the path that the rig file states."""
-    arm = arm_of(rig.robot)
-    rows = slice(None, None, max(1, len(table.q) // _ROWS))
-    part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
-
-    def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
-        found = off_path(forward(arm, read(part.q)), part, rig)
-        return (0.0, True) if found is None else (found.off_mm, found.on)
-
-    as_labelled, is_on = off(lambda q: q)
-    if is_on:
-        return None, as_labelled, []
-    judged = [_Judged(one, left, len(part.q)) for one in meanings(arm.axes) for left, on in [off(one.of)] if on]
-    return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
 
 
 def _row_wise(table: Table) -> list[str]:

@@ -125,14 +125,14 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
     """Return a table without the poses that were not measured, by places and turns beside a bare arm."""
-    found = far_poses(table, bare, fit)
-    out = (table.xyz_mm == 0).all(axis=1) | found.wild
+    far = far_poses(table, bare, fit)
+    out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
         return Kept(table, np.arange(len(out)), ())
-    notes = [found.words] if found.words else []
+    notes = [far.words] if far.words else []
     if out.any():
         away = np.linalg.norm(fit(_of(table, ~out), table)[0], axis=1)
-        notes.insert(0, left_out(table, out, np.where(found.wild, found.far_mm, away)))
+        notes.insert(0, left_out(table, out, np.where(far.wild, far.far_mm, away)))
     return Kept(_of(table, ~out), np.flatnonzero(~out), tuple(notes))
 
 

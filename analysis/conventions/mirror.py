@@ -19,11 +19,11 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
     """Whether poses fit the arm only with one of x, y, z counting the other way."""
-    there = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
-    if len(there) < FEWEST:
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    if len(measured) < FEWEST:
         return
-    some = there[np.unique(np.linspace(0, len(there) - 1, _JUDGED).astype(int))]
-    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[some], table.xyz_mm[some]
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, _JUDGED).astype(int))]
+    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
     as_labelled = left_mm(PoseTable(q, xyz_mm, None), bare, q, _STEPS, with_turns=False)
     if as_labelled < RIGHT_MM:
         return
@@ -35,5 +35,5 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
         "the instrument's frame is left-handed"
     )
     remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
-    misfit = Misfit(as_labelled, mirrored, len(some) * float(np.log(as_labelled / max(mirrored, 1e-9))))
+    misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
     yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", what, remedy, misfit)

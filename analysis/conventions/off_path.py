@@ -44,20 +44,16 @@ def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
         case TouchTable():
             return _off_sockets(T, table.socket)
         case PoseTable():
-            return _off_track(T[:, :3, 3], table.xyz_mm)
+            rows = far_rows(table.xyz_mm)
+            size = float(np.median(steps(table.xyz_mm, rows)))
+            if size <= 0:
+                return None
+            off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(table.xyz_mm, rows))))
+            return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
         case CircleTable():
             return _off_circle(T, circle) if circle else None
         case RadialTable() | RepeatabilityTable():
             return _off_targets(T[:, :3, 3], table, hemisphere) if hemisphere else None
-
-
-def _off_track(places: Array, seen: Array) -> Off | None:
-    rows = far_rows(seen)
-    size = float(np.median(steps(seen, rows)))
-    if size <= 0:
-        return None
-    off_mm = float(np.median(np.abs(steps(places, rows) - steps(seen, rows))))
-    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
 
 
 def _off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
@@ -75,8 +71,8 @@ def _off_circle(T: Array, circle: Circle) -> Off:
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
     off = float(np.median(np.maximum(radial, np.abs(from_centre @ frame.n))))
-    wanted = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
-    trace = np.einsum("nij,nij->n", wanted, T[:, :3, :3])
+    R_nominal = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
+    trace = np.einsum("nij,nij->n", R_nominal, T[:, :3, :3])
     turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
     off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
     return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
@@ -85,9 +81,9 @@ def _off_circle(T: Array, circle: Circle) -> Off:
 def _off_targets(places: Array, table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Off:
     """How far the tool was from its targets, or where their numbers are unknown from the sphere."""
     frame = hemisphere_frame(hemisphere)
-    wanted = places_of(table, hemisphere)
+    targets = places_of(table, hemisphere)
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
-    off_mm = float(np.median(away if wanted is None else np.linalg.norm(places - wanted, axis=1)))
+    off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
     return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
 
 

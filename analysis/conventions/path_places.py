@@ -41,19 +41,19 @@ class Places:
     @property
     def words(self) -> dict[str, str]:
         """What a person should know, by `wild` and `repeated`; nothing where there are none."""
-        found = {}
+        words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
             is_at = f"is wild: row {named} is" if count == 1 else f"are wild: rows {named} are up to"
             far_mm = float(self.away_mm[self.wild].max())
-            found["wild"] = f"{count} of {len(self.wild)} places {is_at} {far_mm:.2g} mm from the path beside"
+            words["wild"] = f"{count} of {len(self.wild)} places {is_at} {far_mm:.2g} mm from the path beside"
         if count := int(self.repeated.sum()):
             rows = np.flatnonzero(self.repeated) + 1
-            found["repeated"] = (
+            words["repeated"] = (
                 f"{count} of {len(self.wild)} places repeat the one before to the last digit while the tool went on, "
                 f"from row {rows[0]} on: the instrument sent its last place again"
             )
-        return found
+        return words
 
 
 def places_of(table: PathTable) -> Places:
@@ -67,17 +67,17 @@ def places_of(table: PathTable) -> Places:
 
 def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
     """Return a path without the places that were not measured, and what was left out, in words."""
-    found = places_of(table)
-    kept = ~(found.wild | found.repeated)
-    said = [f"{words}; left out" for words in found.words.values()]
-    return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), said
+    places = places_of(table)
+    kept = ~(places.wild | places.repeated)
+    notes = [f"{words}; left out" for words in places.words.values()]
+    return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), notes
 
 
 def _repeated(xyz_mm: Array) -> Mask:
     """Which places (n,) repeat the one before, of rows of equal ones behind which the tool is further on."""
-    found = np.zeros(len(xyz_mm), dtype=bool)
+    repeated = np.zeros(len(xyz_mm), dtype=bool)
     if len(xyz_mm) < _ALIKE + 3:
-        return found
+        return repeated
     step = np.linalg.norm(np.diff(xyz_mm, axis=0), axis=1)
     edges = np.diff(np.concatenate([[False], step == 0, [False]]).astype(np.int64))
     for begin, end in zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True):
@@ -87,8 +87,8 @@ def _repeated(xyz_mm: Array) -> Mask:
         way = float(step[first:begin].sum())
         moved = np.linalg.norm(xyz_mm[begin] - xyz_mm[first]) > _AHEAD * way
         if moved and step[end] > _CAUGHT_UP * way / (begin - first) * (end - begin + 1) > 0:
-            found[begin + 1 : end + 1] = True
-    return found
+            repeated[begin + 1 : end + 1] = True
+    return repeated
 
 
 def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:

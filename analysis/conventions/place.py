@@ -30,8 +30,8 @@ def stamp_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     circle = rig.tests.circle
     if not isinstance(table, CircleTable) or circle is None:
         return
-    some = slice(None, None, max(1, len(table.q) // _ROWS))
-    phi = frame_of(circle).angle(forward(arm_of(rig.robot), table.q[some])[:, :3, 3])
+    rows = slice(None, None, max(1, len(table.q) // _ROWS))
+    phi = frame_of(circle).angle(forward(arm_of(rig.robot), table.q[rows])[:, :3, 3])
     seconds = float(np.ptp(table.t_s))
     if seconds == 0:
         return

@@ -25,15 +25,15 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         return
     if len(table.q) >= FEWEST:
         kept = np.unique(np.linspace(0, len(table.q) - 1, _POSES).astype(int))
-        some = PoseTable(table.q[kept], table.xyz_mm[kept], None, rail=True)
+        chosen = PoseTable(table.q[kept], table.xyz_mm[kept], None, rail=True)
 
-        def left(factor: float) -> float:
-            q: Array = some.q * np.append(np.ones(arm.axes), factor)
-            return left_mm(some, arm, q, _STEPS, with_turns=False)
+        def misfit_mm(factor: float) -> float:
+            q: Array = chosen.q * np.append(np.ones(arm.axes), factor)
+            return left_mm(chosen, arm, q, _STEPS, with_turns=False)
 
-        as_read = left(1.0)
+        as_read = misfit_mm(1.0)
         for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
-            if (meant := left(factor)) < RIGHT_MM:
+            if (meant := misfit_mm(factor)) < RIGHT_MM:
                 what = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
                 yield Finding("units", "impossible", ("e1_mm",), unit, what, "convert it to mm")
                 return

@@ -48,15 +48,15 @@ class Lap:
 
 def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
     """The circle runs with two gauges, on the grid; those that hold no lap are reported where they are analysed."""
-    found = []
+    laps_of_runs = []
     for run in runs:
         with suppress(FileError):
             if isinstance(run.table, CircleTable) and run.table.g_mm.shape[1] == 2:
                 laps = laps_of(run.table, run.rig, str(run.path))
                 g_mm = gridded(laps.phi, laps.g_mm)
                 g_mm -= g_mm.mean(axis=0)
-                found.append(Lap(run, g_mm.mean(axis=1), g_mm[:, 1] - g_mm[:, 0]))
-    return found
+                laps_of_runs.append(Lap(run, g_mm.mean(axis=1), g_mm[:, 1] - g_mm[:, 0]))
+    return laps_of_runs
 
 
 def gridded(phi: Array, values: Array) -> Array:
@@ -64,9 +64,9 @@ def gridded(phi: Array, values: Array) -> Array:
     neighbours where there are none."""
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
     count = np.bincount(place, minlength=GRID)
-    there = np.flatnonzero(count)
-    means = [np.bincount(place, column, GRID)[there] / count[there] for column in values.T]
-    return np.stack([np.interp(np.arange(GRID), there, one, period=GRID) for one in means], axis=1)
+    filled = np.flatnonzero(count)
+    means = [np.bincount(place, column, GRID)[filled] / count[filled] for column in values.T]
+    return np.stack([np.interp(np.arange(GRID), filled, mean, period=GRID) for mean in means], axis=1)
 
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
@@ -76,20 +76,22 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     groups: dict[tuple[object, ...], list[Lap]] = {}
     for lap in laps:
         direction = lap.run.run.manifest.direction
-        same = next((own for (way, *_), own in groups.items() if way == direction and own[0].place == lap.place), None)
-        if same is None:
+        group_of_lap = next(
+            (group for (way, *_), group in groups.items() if way == direction and group[0].place == lap.place), None
+        )
+        if group_of_lap is None:
             groups[(direction, len(groups))] = [lap]
         else:
-            same.append(lap)
-    for own in groups.values():
-        direction = own[0].run.run.manifest.direction
-        reverse = [lap for lap in laps if lap.place == own[0].place and lap.run.run.manifest.direction != direction]
-        yield from _contradicting(own, reverse)
+            group_of_lap.append(lap)
+    for group in groups.values():
+        direction = group[0].run.run.manifest.direction
+        reverse = [lap for lap in laps if lap.place == group[0].place and lap.run.run.manifest.direction != direction]
+        yield from _contradicting(group, reverse)
 
 
-def _contradicting(own: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
+def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
     """The repeats whose difference has the opposite sign to that of most of them."""
-    mean, apart = np.array([lap.mean for lap in own]), np.array([lap.apart for lap in own])
+    mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:
         sign *= np.sign(sign.sum())
@@ -102,15 +104,15 @@ def _contradicting(own: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Findi
     for k in np.flatnonzero(~most).tolist():
         as_labelled, as_meant = _rms(apart[k] - usual_apart), _rms(apart[k] + usual_apart)
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * _rms(mean[k] - usual)):
-            yield _finding(own[k], as_labelled, as_meant, negated=False)
+            yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
-        shapes = [_without_first_order(one) for one in (apart[k], usual_apart, mean[k], usual)]
+        shapes = [_without_first_order(curve) for curve in (apart[k], usual_apart, mean[k], usual)]
         as_labelled, as_meant = (
             np.hypot(_rms(shapes[0] - shapes[1]), _rms(shapes[2] - shapes[3])),
             np.hypot(_rms(shapes[0] + shapes[1]), _rms(shapes[2] + shapes[3])),
         )
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant):
-            yield _finding(own[k], float(as_labelled), float(as_meant), negated=True)
+            yield _finding(repeats[k], float(as_labelled), float(as_meant), negated=True)
 
 
 def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) -> Finding:

@@ -37,11 +37,11 @@ def source_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Whether the places of poses were computed, not measured."""
     if not isinstance(table, PoseTable) or table.rail:
         return
-    there = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
-    if len(there) < FEWEST:
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    if len(measured) < FEWEST:
         return
-    some = there[np.unique(np.linspace(0, len(there) - 1, min(_POSES, len(there))).astype(int))]
-    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[some], table.xyz_mm[some]
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, min(_POSES, len(measured))).astype(int))]
+    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
     T = forward(bare, q)
     setup = fit_setup(T, xyz_mm)
     left_mm = float(np.sqrt((position_error(T, xyz_mm, setup) ** 2).sum(axis=1).mean()))

@@ -26,14 +26,14 @@ _FARTHER = 8.0
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
     rows = far_rows(table.xyz_mm)
-    here, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
+    robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
-        if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
-            what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / here:.3g} times as far as the robot"
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
             yield what, "convert them to mm"
     for unit, factor in _TAKEN_FOR.items():
-        if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
-            what = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / here:.3g} times as far as the robot"
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
             yield what, "read them as mm"
     if table.rpy is not None:
         yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)

@@ -17,7 +17,7 @@ from analysis.conventions.off_path import off_path
 from analysis.conventions.rail_units import rail_findings
 from analysis.conventions.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.kinematics.turns import impossible_rad
+from analysis.kinematics.limits import impossible_rad
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.rig import Rig
 

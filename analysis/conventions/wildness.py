@@ -19,9 +19,9 @@ def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Which rows of poses have the place of an instrument that lost its target, or lie far from where the arm was
     (`analysis.conventions.lost_poses`)."""
     if isinstance(table, TouchTable):
-        found = far_touches(table, forward(arm_of(rig.robot), table.q))
-        if found.wild.any():
-            what, remedy = left_out(table, found.wild, found.far_mm).rsplit("; ", 1)
+        far = far_touches(table, forward(arm_of(rig.robot), table.q))
+        if far.wild.any():
+            what, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
             yield Finding(WILDNESS, "likely", ("socket",), "no touch", what, remedy)
         return
     if not isinstance(table, PoseTable):
@@ -33,9 +33,9 @@ def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         what = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
         remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
-    found = far_poses(table, without_setup(arm_of(rig.robot)))
-    if (wild := found.wild).any():
-        what = left_out(table, wild, found.far_mm)
+    far = far_poses(table, without_setup(arm_of(rig.robot)))
+    if (wild := far.wild).any():
+        what = left_out(table, wild, far.far_mm)
         what, remedy = what.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
 

@@ -44,7 +44,9 @@ class CalibratedUncertainty:
         """The parameters of terms that move the tool by the posture alone."""
         terms = self.calibrated.terms
         return [
-            k for k, one in enumerate(self.calibrated.parameters) if terms[one.term].effect.compensation().use != "none"
+            k
+            for k, parameter in enumerate(self.calibrated.parameters)
+            if terms[parameter.term].effect.compensation().use != "none"
         ]
 
     @cached_property
@@ -102,24 +104,24 @@ class CalibratedUncertainty:
                 return moved
             return pose_error(base, tool_poses(_with(model, effect), q))
 
-        known: dict[Effect, Array] = {}
+        changes: dict[Effect, Array] = {}
 
         def of(effect: Effect) -> Array:
-            if effect not in known:
-                known[effect] = change(effect)
-            return known[effect]
+            if effect not in changes:
+                changes[effect] = change(effect)
+            return changes[effect]
 
-        found = np.zeros((len(self._kept), len(q), 6))
+        derivatives = np.zeros((len(self._kept), len(q), 6))
         for row, k in enumerate(self._kept):
-            one = self.calibrated.parameters[k]
-            effect: Any = self.calibrated.terms[one.term].effect
-            if one.field == TIMES:
-                found[row] = of(effect)
+            parameter = self.calibrated.parameters[k]
+            effect: Any = self.calibrated.terms[parameter.term].effect
+            if parameter.field == TIMES:
+                derivatives[row] = of(effect)
                 continue
-            step = _SMALL * healthy_size(effect) if one.field == size_field(effect) else _SMALL
-            other = effect.model_copy(update={one.field: getattr(effect, one.field) + step})
-            found[row] = (of(other) - of(effect)) / step
-        return found
+            step = _SMALL * healthy_size(effect) if parameter.field == size_field(effect) else _SMALL
+            stepped = effect.model_copy(update={parameter.field: getattr(effect, parameter.field) + step})
+            derivatives[row] = (of(stepped) - of(effect)) / step
+        return derivatives
 
 
 def _with(model: Model, effect: Effect) -> Model:

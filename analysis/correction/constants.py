@@ -35,19 +35,19 @@ class Correction:
         return self.nominal + self.delta
 
 
-def joint_zeros(rig: Rig, found: Sequence[Support]) -> list[Correction]:
+def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
     """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
-    return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
+    return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
 
 
-def link_constants(rig: Rig, found: Sequence[Support]) -> list[Correction]:
+def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
     """Return the changes of the arm's constants from those in the rig file."""
-    return _summed(found, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
+    return _summed(supported, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
     """Return the table of constants, a row for each axis, with the corrections included; joint zeros are not."""
-    changed = {(one.axis, one.key): one.corrected for one in corrections}
+    changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
     rows: list[dict[str, float | int | str]] = []
     for k, axis in enumerate(rig.robot.axes, start=1):
         constants = {key: round(changed.get((k, key), getattr(axis, key)), 9) for key in CONSTANTS}
@@ -55,14 +55,14 @@ def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[st
     return rows
 
 
-def _summed(found: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
+def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
     """Return the corrections of one use, by axis and key."""
     places: dict[tuple[int, str], list[Support]] = {}
-    for one in found:
-        if one.use == use and (place := one.effect.compensation().constant):
-            places.setdefault(place, []).append(one)
+    for support in supported:
+        if support.use == use and (place := support.effect.compensation().constant):
+            places.setdefault(place, []).append(support)
     made = []
-    for (axis, key), own in sorted(places.items(), key=lambda one: one[0]):
-        delta, u = math.fsum(one.value for one in own), math.hypot(*(one.u for one in own))
+    for (axis, key), of_place in sorted(places.items(), key=lambda item: item[0]):
+        delta, u = math.fsum(support.value for support in of_place), math.hypot(*(support.u for support in of_place))
         made.append(Correction(axis, key, float(nominal[axis][key]), delta, u))
     return made

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.correction.controllers import CONTROLLERS, ConstantParameter, Controller
+from analysis.correction.controllers import CONTROLLERS, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.pose_uncertainty import displacements, frame_u_mm, pose_uncertainty, position_u_mm
@@ -105,7 +105,7 @@ class ControllerEntries:
 
 
 def controller_entries(
-    rig: Rig, found: Sequence[Support], name: Maker, scale: Sequence[float] | None = None
+    rig: Rig, supported: Sequence[Support], name: Maker, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
     """Return the changes at a controller that hold most of a rig's model.
 
@@ -115,28 +115,34 @@ def controller_entries(
     controller = CONTROLLERS[name]
     if scale and not controller.scale:
         raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
-    used, rest, known = used_effects(rig, found), rest_effects(rig, found), pose_uncertainty(rig, found)
-    spread, q = spread_angles(rig, known.joints_rad), work_or_spread(rig, known.joints_rad)
-    held = project(rig, used, _constants(rig, controller), q, spread)
-    u = held.u(displacements(known, np.concatenate([q, spread])))
-    sizes = zip(held.constants, held.values.tolist(), u.tolist(), (1e3 * held.worth_mm).tolist(), strict=True)
-    entries = [_entry(rig, controller, scale, *one) for one in sizes]
-    lengths = (controller.check_lengths,) if any(one.now is not None for one in entries) else ()
-    left_mm = np.linalg.norm(left_out_mm(rig, rest, q), axis=1)
-    u_mm = frame_u_mm(rig, known, q, q)
+    used, uncorrected, uncertainty = (
+        used_effects(rig, supported),
+        rest_effects(rig, supported),
+        pose_uncertainty(rig, supported),
+    )
+    spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
+    projection = project(rig, used, _constants(rig, controller), q, spread)
+    u = projection.u(displacements(uncertainty, np.concatenate([q, spread])))
+    sizes = zip(
+        projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
+    )
+    entries = [_entry(rig, controller, scale, *size) for size in sizes]
+    lengths = (controller.check_lengths,) if any(entry.now is not None for entry in entries) else ()
+    left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
+    u_mm = frame_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)
     return ControllerEntries(
         name,
         controller,
         tuple(entries),
-        held.effects,
-        tuple(tuple(entries[k].parameter for k in group) for group in held.twins),
-        tuple(NotEntered(one, rms_um(left_out_mm(rig, [one], q)[:, 0])) for one in rest),
+        projection.effects,
+        tuple(tuple(entries[k].parameter for k in group) for group in projection.twins),
+        tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
         rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm)),
-        rms_um(np.hypot(_apart_mm(rig, used, held.effects, q), doubt_mm)),
+        rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm)),
         rms_um(doubt_mm),
-        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, held.effects, spread))),
-        base_u_um(position_u_mm(known, q), u_mm),
+        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, projection.effects, spread))),
+        base_u_um(position_u_mm(uncertainty, q), u_mm),
         (*controller.steps, *lengths, controller.check),
     )
 
@@ -144,11 +150,11 @@ def controller_entries(
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
     """Return corrected targets for a controller at which the entries were made: the angles that its joints then read
     in the same postures, and the poses that it then computes there."""
-    more_deg, done = np.zeros(6), targets.done
-    for one in at.entries:
-        more_deg[one.axis - 1] += one.reading_deg
+    added_deg, done = np.zeros(6), targets.done
+    for entry in at.entries:
+        added_deg[entry.axis - 1] += entry.reading_deg
     q, T = targets.q.copy(), targets.T.copy()
-    q[done] += np.radians(more_deg)
+    q[done] += np.radians(added_deg)
     T[done] = tool_poses(model_of(rig, at.effects), targets.q[done])
     return replace(targets, q=q, T=T)
 
@@ -162,11 +168,11 @@ def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: 
 def _constants(rig: Rig, controller: Controller) -> list[Constant]:
     """Return the constants of a rig's arm that a controller has."""
     kept = [Constant(axis, "q_deg") for axis in range(1, 7)]
-    for one in controller.constants:
+    for parameter in controller.constants:
         kept += [
-            Constant(axis, one.key)
-            for axis in one.axes
-            if not one.by_size or getattr(rig.robot.axes[axis - 1], one.key)
+            Constant(axis, parameter.key)
+            for axis in parameter.axes
+            if not parameter.by_size or getattr(rig.robot.axes[axis - 1], parameter.key)
         ]
     return kept
 
@@ -174,12 +180,8 @@ def _constants(rig: Rig, controller: Controller) -> list[Constant]:
 def _coupled_axes(rig: Rig) -> set[int]:
     """Return the axes (from 1) whose angle at the controller goes with the motor of another axis, so that one count
     alone does not change one reading alone."""
-    beside = np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling))
-    return {int(k) + 1 for k in np.flatnonzero(np.abs(beside).sum(axis=0) + np.abs(beside).sum(axis=1))}
-
-
-def _parameter(controller: Controller, one: Constant) -> ConstantParameter:
-    return next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
+    coupling = np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling))
+    return {int(k) + 1 for k in np.flatnonzero(np.abs(coupling).sum(axis=0) + np.abs(coupling).sum(axis=1))}
 
 
 def _entry(
@@ -188,7 +190,7 @@ def _entry(
     """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
     reading_deg, now = 0.0, None
     if one.key != "q_deg":
-        parameter = _parameter(controller, one)
+        parameter = next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
         name, unit, per_unit = parameter.of(one.axis), parameter.unit, parameter.per_unit
         if parameter.by_size:
             nominal = float(getattr(rig.robot.axes[one.axis - 1], one.key))

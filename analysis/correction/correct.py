@@ -111,42 +111,45 @@ def correct_rig(
     return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
 
 
-def _work(rig: Rig, found: Sequence[Support]) -> WorkError:
-    known, used = pose_uncertainty(rig, found), used_effects(rig, found)
-    q = work_or_spread(rig, known.joints_rad)
-    left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, found), q), axis=1)
-    is_at, wanted = tool_places(rig, used, q), tool_places(rig, (), q)
-    u_mm, u_frame_mm = position_u_mm(known, q), frame_u_mm(rig, known, q, q)
+def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
+    uncertainty, used = pose_uncertainty(rig, supported), used_effects(rig, supported)
+    q = work_or_spread(rig, uncertainty.joints_rad)
+    left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
+    is_at, nominal = tool_places(rig, used, q), tool_places(rig, (), q)
+    u_mm, u_frame_mm = position_u_mm(uncertainty, q), frame_u_mm(rig, uncertainty, q, q)
 
     def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
         return rms_um(np.hypot(off_mm, left_mm)), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm)
 
-    in_base = InBase(*errors(np.linalg.norm(is_at - wanted, axis=1), u_mm))
-    rest = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
-    return WorkError(*errors(rest, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest))
+    in_base = InBase(*errors(np.linalg.norm(is_at - nominal, axis=1), u_mm))
+    rest_of_place = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
+    return WorkError(*errors(rest_of_place, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest_of_place))
 
 
 def _targets(
-    rig: Rig, found: Sequence[Support], path: Path, entered: ControllerEntries | None
+    rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, Corrected]:
     """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
     none can be corrected."""
     axes = len(rig.robot.axes)
-    given = read_path(path, axes, rail=rig.robot.rail is not None)
-    if rig.robot.rail and not given.joints:
+    read = read_path(path, axes, rail=rig.robot.rail is not None)
+    if rig.robot.rail and not read.joints:
         what = "has poses without joint angles, which leave free where the rail stands"
         raise FileError(str(path), what, f"give q1_deg … q{axes}_deg and e1_mm")
-    if axes > FEWEST_AXES and not given.joints:
+    if axes > FEWEST_AXES and not read.joints:
         what = f"has poses, which leave the elbow of an arm of {axes} axes free"
         raise FileError(str(path), what, f"give joint angles q1_deg … q{axes}_deg")
-    hold_uncorrected(given, str(path))
-    q, unsolved = (given.angles(), []) if given.joints else angles_for(rig, given.poses())
-    targets = corrected(rig, found, q, unsolved)
+    hold_uncorrected(read, str(path))
+    q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
+    targets = corrected(rig, supported, q, unsolved)
     if not targets.done.any():
-        raise target_errors(path, given, targets)[0]
-    return path, given, as_entered(rig, targets, entered) if entered else targets
+        raise target_errors(path, read, targets)[0]
+    return path, read, as_entered(rig, targets, entered) if entered else targets
 
 
-def target_errors(path: Path, given: TargetPath, targets: Corrected) -> list[FileError]:
+def target_errors(path: Path, path_read: TargetPath, targets: Corrected) -> list[FileError]:
     """Return an error for each target of a path that could not be corrected."""
-    return [FileError(f"{path}, line {given.lines[one.place]}", one.what, "move the target") for one in targets.left]
+    return [
+        FileError(f"{path}, line {path_read.lines[target.place]}", target.what, "move the target")
+        for target in targets.left
+    ]

@@ -85,7 +85,7 @@ class CorrectedProgram:
 
 def correct_program(
     rig: Rig,
-    found: Sequence[Support],
+    supported: Sequence[Support],
     path: Path,
     frames: Frames,
     scale: Sequence[float] | None,
@@ -99,21 +99,21 @@ def correct_program(
     arm, targets = arm_of(rig.robot), parsed.targets
     reasons: dict[int, Reason] = {}
     located = [_located(arm, dialect, frames, target) for target in targets]
-    poses, given = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
+    poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
         place = _given(target, located[k], scale)
         if isinstance(place, str):
             reasons[k] = place
         elif target.joints:
-            given[k] = place
+            angles[k] = place
         else:
             poses[k] = _in_world(arm, located[k], place)
-    q, unsolved = solved(arm, targets, poses, given, parsed.steps)
+    q, unsolved = solved(arm, targets, poses, angles, parsed.steps)
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
     good = np.array([k for k in range(len(targets)) if k not in reasons], dtype=np.int64)
-    done = _Done.of(rig, found, q, good)
+    done = _Done.of(rig, supported, q, good)
     reasons |= done.reasons
     reasons |= _implausible(arm, targets, q, done)
     because = _off_by_offset(arm, targets, located, done, reasons)
@@ -132,7 +132,7 @@ def correct_program(
         for k, why in reasons.items()
         if targets[k].of is None
     ]
-    everything = tuple(sorted([*parsed.left, *left], key=lambda one: (one.file, one.line)))
+    everything = tuple(sorted([*parsed.left, *left], key=lambda target: (target.file, target.line)))
     return CorrectedProgram(
         path,
         dialect.maker,
@@ -147,19 +147,21 @@ def correct_program(
         everything,
         np.array([done.moved_mm[k] for k in _beside_left(parsed, set(kept))]),
         texts.names,
-        tuple(one for one in parsed.sets if _otherwise(one, frames)),
-        whole and any(one.reason != "unused" for one in everything),
+        tuple(named for named in parsed.sets if _otherwise(named, frames)),
+        whole and any(target.reason != "unused" for target in everything),
     )
 
 
 def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
     """Return the corrected target at one end of each move whose other end was left."""
-    base = [k if one.of is None else one.of for k, one in enumerate(parsed.targets)]
-    found = [base[k] for k in parsed.next_to_left]
+    base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
+    ends_kept = [base[k] for k in parsed.next_to_left]
     for step in parsed.steps:
-        ends = [(base[step.target], base[one]) for one in step.comes_from if one is not None]
-        found += [one if one in kept else other for one, other in ends if (one in kept) != (other in kept)]
-    return [k for k in found if k in kept]
+        ends = [(base[step.target], base[previous]) for previous in step.comes_from if previous is not None]
+        ends_kept += [
+            first if first in kept else second for first, second in ends if (first in kept) != (second in kept)
+        ]
+    return [k for k in ends_kept if k in kept]
 
 
 def _otherwise(named: Named, frames: Frames) -> bool:
@@ -181,8 +183,8 @@ def _off_by_offset(
             off_mm, u_mm = np.inf, 0.0
         else:
             X = _in_program(arm, located[target.of], done.T[target.of])
-            there = _in_world(arm, located[k], _with_offset(target, X))
-            off_mm = float(np.linalg.norm(there[:3, 3] - done.T[k][:3, 3]))
+            stands = _in_world(arm, located[k], _with_offset(target, X))
+            off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
         if off_mm >= u_mm:
             reasons[target.of] = "offset"
@@ -208,12 +210,12 @@ class _Located:
     reason: Reason | None = None
 
 
-def _located(arm: Arm, dialect: Dialect, known: Frames, target: Target) -> _Located:
+def _located(arm: Arm, dialect: Dialect, frames: Frames, target: Target) -> _Located:
     tool, frame = (
         _known(place, named, null)
         for place, named, null in (
-            (target.tool, known.tools, dialect.null_tools),
-            (target.frame, known.frames, () if _hangs(arm, dialect) else dialect.null_frames),
+            (target.tool, frames.tools, dialect.null_tools),
+            (target.frame, frames.frames, () if _hangs(arm, dialect) else dialect.null_frames),
         )
     )
     if frame is None or tool is None:
@@ -275,20 +277,20 @@ class _Done:
     reasons: dict[int, Reason]
 
     @classmethod
-    def of(cls, rig: Rig, found: Sequence[Support], q: Array, good: Integers) -> _Done:
+    def of(cls, rig: Rig, supported: Sequence[Support], q: Array, good: Integers) -> _Done:
         """Correct the targets `good` (m,) among q (n, 6) rad."""
         done = cls({}, {}, {}, {}, {}, {}, {})
         arm = arm_of(rig.robot)
         if not len(good):
             return done
-        one = corrected(rig, found, q[good])
-        done.reasons.update({int(good[left.place]): left.reason for left in one.left})
-        moved = np.linalg.norm(one.T[:, :3, 3] - forward(arm, q[good])[:, :3, 3], axis=1)
-        for place in np.flatnonzero(one.done).tolist():
+        batch = corrected(rig, supported, q[good])
+        done.reasons.update({int(good[left.place]): left.reason for left in batch.left})
+        moved = np.linalg.norm(batch.T[:, :3, 3] - forward(arm, q[good])[:, :3, 3], axis=1)
+        for place in np.flatnonzero(batch.done).tolist():
             k = int(good[place])
-            done.outside[k] = one.covered is not None and not one.covered[place]
-            done.q[k], done.T[k], done.moved_mm[k] = one.q[place], one.T[place], float(moved[place])
-            done.u_mm[k], done.u_frame_mm[k] = float(one.u_mm[place]), float(one.u_frame_mm[place])
+            done.outside[k] = batch.covered is not None and not batch.covered[place]
+            done.q[k], done.T[k], done.moved_mm[k] = batch.q[place], batch.T[place], float(moved[place])
+            done.u_mm[k], done.u_frame_mm[k] = float(batch.u_mm[place]), float(batch.u_frame_mm[place])
         return done
 
 
@@ -327,7 +329,7 @@ def _changes(
         values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
         decimals = [dialect.decimals.place] * 3 + [dialect.decimals.turn] * (len(values) - 3)
     three = zip(target.numbers, values.tolist(), decimals, strict=True)
-    return [(number, written(number, text, value, target.form, some)) for number, value, some in three]
+    return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
 
 
 def _read_back(dialect: Dialect, before: Parsed, texts: Texts) -> Parsed:
@@ -335,7 +337,7 @@ def _read_back(dialect: Dialect, before: Parsed, texts: Texts) -> Parsed:
     after = dialect.parse(texts)
 
     def others(parsed: Parsed) -> tuple[object, ...]:
-        return [(one.name, one.file, one.line) for one in parsed.targets], parsed.steps, parsed.left
+        return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
 
     if others(after) != others(before):
         raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
@@ -344,9 +346,9 @@ def _read_back(dialect: Dialect, before: Parsed, texts: Texts) -> Parsed:
 
 def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, q: Array) -> float:
     """Return how far in µm the numbers as written put the tool from the corrected target at q (6,) rad."""
-    wanted = forward(arm, q[None])[0]
+    meant = forward(arm, q[None])[0]
     if target.joints:
-        there = forward(arm, joints_of(target, scale)[None])[0]
+        written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:
-        there = _in_world(arm, located, frame_of(target.form, [number.value for number in target.numbers]))
-    return float(np.linalg.norm(there[:3, 3] - wanted[:3, 3])) * 1e3
+        written_pose = _in_world(arm, located, frame_of(target.form, [number.value for number in target.numbers]))
+    return float(np.linalg.norm(written_pose[:3, 3] - meant[:3, 3])) * 1e3

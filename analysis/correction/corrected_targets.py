@@ -77,43 +77,12 @@ class Corrected:
     left: tuple[NotCorrected, ...]
 
 
-def corrected(rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
+def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
     """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected, but for
     those that have no angles, that stand beyond limits or at a singularity."""
-    angles, done, left = corrected_angles(rig, found, q, unsolved)
-    return _stated(rig, found, pose_uncertainty(rig, found), q, angles, done, left)
-
-
-def corrected_angles(
-    rig: Rig, found: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
-) -> tuple[Array, Mask, list[NotCorrected]]:
-    """Return the corrected angles (n, 6) rad alone, which of them (n,) are, and those that are not, for targets as of
-    `corrected`."""
-    model = model_of(rig, used_effects(rig, found))
-    left = {one.place: one for one in unsolved}
-    left |= {one.place: one for one in [*_beyond_limits(model.arm, q), *_beyond_rail(rig, q)] if one.place not in left}
-    done = np.array([k not in left for k in range(len(q))], dtype=bool)
-    angles, reached = q.copy(), done.copy()
-    angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
-    left |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
-    left |= {one.place: one for one in _beyond_limits(model.arm, angles) if reached[one.place]}
-    done = np.array([k not in left for k in range(len(q))], dtype=bool)
-    angles[~done] = q[~done]
-    return angles, done, [left[k] for k in sorted(left)]
-
-
-def _stated(
-    rig: Rig,
-    found: Sequence[Support],
-    known: PoseUncertainty,
-    q: Array,
-    angles: Array,
-    done: Mask,
-    left: Sequence[NotCorrected],
-) -> Corrected:
-    """Return targets at nominal angles q (n, 6) rad with their corrected `angles` (n, 6) rad, where `done` (n,), and
-    what is known of them."""
-    rest, arm = rest_effects(rig, found), arm_of(rig.robot)
+    angles, done, skipped = corrected_angles(rig, supported, q, unsolved)
+    uncertainty = pose_uncertainty(rig, supported)
+    uncorrected, arm = rest_effects(rig, supported), arm_of(rig.robot)
 
     def spread(values: Array) -> Array:
         """Return values of the corrected targets (m, …) at their places among all (n, …), NaN elsewhere."""
@@ -122,48 +91,71 @@ def _stated(
         return everywhere
 
     at = angles[done]
-    inside = covered(known, at)
-    left_out = left_out_mm(rig, rest, at)
+    inside = covered(uncertainty, at)
+    left_out = left_out_mm(rig, uncorrected, at)
     stays_mm = np.linalg.norm(left_out, axis=1)
     taught = at if inside is None else at[inside]
     if len(taught) < _FEWEST_TAUGHT:
-        taught = work_or_spread(rig, known.joints_rad)
-    before = tool_poses(model_of(rig, used_effects(rig, found)), q[done])
+        taught = work_or_spread(rig, uncertainty.joints_rad)
+    before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
     marks = None
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
+    distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
     return Corrected(
         angles,
         forward(arm, angles),
-        spread(_distance(before, forward(arm, q[done]))),
-        tuple(map(label_of, rest)),
+        spread(distance),
+        tuple(map(label_of, uncorrected)),
         spread(left_out),
-        spread(np.hypot(position_u_mm(known, at), stays_mm)),
-        spread(np.hypot(frame_u_mm(rig, known, at, taught), stays_mm)),
+        spread(np.hypot(position_u_mm(uncertainty, at), stays_mm)),
+        spread(np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm)),
         marks,
-        tuple(_doubts(rig, known, at)),
+        tuple(_doubts(rig, uncertainty, at)),
         done,
-        tuple(left),
+        tuple(skipped),
     )
+
+
+def corrected_angles(
+    rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
+) -> tuple[Array, Mask, list[NotCorrected]]:
+    """Return the corrected angles (n, 6) rad alone, which of them (n,) are, and those that are not, for targets as of
+    `corrected`."""
+    model = model_of(rig, used_effects(rig, supported))
+    skipped = {target.place: target for target in unsolved}
+    skipped |= {
+        target.place: target
+        for target in [*_beyond_limits(model.arm, q), *_beyond_rail(rig, q)]
+        if target.place not in skipped
+    }
+    done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
+    angles, reached = q.copy(), done.copy()
+    angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
+    skipped |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
+    skipped |= {target.place: target for target in _beyond_limits(model.arm, angles) if reached[target.place]}
+    done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
+    angles[~done] = q[~done]
+    return angles, done, [skipped[k] for k in sorted(skipped)]
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
     """Return the angles (n, 6) rad, from q (n, 6) rad on, at which the tool of a model stands at poses `wanted`
     (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q."""
-    command, angles, there = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
+    command, angles, reached_wanted = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
     rows = np.arange(len(q))
     for _ in range(_ROUNDS):
         reached = tool_poses(model, angles[rows])
         near = (np.abs(pose_error(reached, wanted[rows])) * [1, 1, 1, 1e3, 1e3, 1e3]).max(axis=1) < _REACHED
-        there[rows[near]] = True
+        reached_wanted[rows[near]] = True
         rows = rows[~near]
         if not len(rows):
             break
         command[rows] = command[rows] @ np.linalg.inv(reached[~near]) @ wanted[rows]
         angles[rows], good = newton(model.arm, command[rows], angles[rows])
         rows = rows[good]
-    return angles, there
+    return angles, reached_wanted
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
@@ -172,17 +164,17 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
     near = _posture(rig, arm)
-    chosen, left = np.full((len(poses), 6), np.nan), []
+    chosen, skipped = np.full((len(poses), 6), np.nan), []
     for k in range(len(poses)):
         branches = solutions.q[k][solutions.found[k]]
         allowed = within_limits(arm, branches)[0] if len(branches) else branches
         if len(allowed):
             near = chosen[k] = allowed[np.abs(allowed - near).max(axis=1).argmin()]
         elif len(branches):
-            left.append(NotCorrected(k, "beyond_limits", "can only be reached beyond a joint's limits"))
+            skipped.append(NotCorrected(k, "beyond_limits", "can only be reached beyond a joint's limits"))
         else:
-            left.append(NotCorrected(k, "unreachable", "is out of the nominal arm's reach"))
-    return chosen, left
+            skipped.append(NotCorrected(k, "unreachable", "is out of the nominal arm's reach"))
+    return chosen, skipped
 
 
 def _posture(rig: Rig, arm: Arm) -> Array:
@@ -195,27 +187,22 @@ def _posture(rig: Rig, arm: Arm) -> Array:
     return middle
 
 
-def _doubts(rig: Rig, known: PoseUncertainty, q: Array) -> list[str]:
+def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and by which joints."""
-    inside = covered(known, q)
-    if inside is None or known.joints_rad is None or inside.all():
+    inside = covered(uncertainty, q)
+    if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
     counted = f"{int((~inside).sum())} of {len(q)} targets stand outside the joint angles of the runs"
     axes = len(rig.robot.axes)
-    ranges = [(low, high) for low, high in np.degrees(known.joints_rad[:axes]).tolist()]
+    ranges = [(low, high) for low, high in np.degrees(uncertainty.joints_rad[:axes]).tolist()]
     first = f"{counted}: they have no in the column covered, and u is not to be relied on there"
-    rail = RAIL_MM * known.joints_rad[axes:]
+    rail = RAIL_MM * uncertainty.joints_rad[axes:]
     stands = [
         f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
         for (low, high), mm in zip(rail, RAIL_MM * q[:, axes:].T, strict=False)
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
-
-
-def _distance(T: Array, other: Array) -> Array:
-    distance: Array = np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1)
-    return distance
 
 
 def _beyond_rail(rig: Rig, q: Array) -> list[NotCorrected]:
@@ -235,9 +222,9 @@ def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
     """Return the targets at angles q (n, 6) rad with a joint beyond its limits."""
     joints = q[:, : arm.axes]
     outside = (joints < arm.limits[:, 0] - 1e-9) | (joints > arm.limits[:, 1] + 1e-9)
-    found: dict[int, NotCorrected] = {}
+    beyond: dict[int, NotCorrected] = {}
     for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])
         stands = f"axis {axis + 1} would stand at {np.degrees(q[k, axis]):.3f}°, its limits are {low:g}° and {high:g}°"
-        found.setdefault(k, NotCorrected(k, "beyond_limits", stands))
-    return list(found.values())
+        beyond.setdefault(k, NotCorrected(k, "beyond_limits", stands))
+    return list(beyond.values())

@@ -40,9 +40,9 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     return np.sqrt(squares)
 
 
-def apart_mm(model: Model, other: Model, q: Array) -> Array:
+def apart_mm(model: Model, second: Model, q: Array) -> Array:
     """Return the root mean square distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
-    squares = [((_places(model, path) - _places(other, path)) ** 2).sum(axis=1) for path in _approaches(q)]
+    squares = [((_places(model, path) - _places(second, path)) ** 2).sum(axis=1) for path in _approaches(q)]
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
@@ -61,7 +61,7 @@ def _driven(q: Array, side: float, begin_s: float) -> Path:
     target, with a rest before the next."""
     along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
     swings = q[:, None, :] + side * _SWING_RAD * along[:, None]
-    one = np.arange(len(along)) * (_SWING_S / _STEPS)
-    starts = begin_s + np.arange(len(q)) * (one[-1] + _REST_S)
-    rows = np.arange(len(q)) * len(one) + 2 * _STEPS
-    return Path(Motion((starts[:, None] + one).ravel(), swings.reshape(-1, q.shape[1])), rows)
+    swing_s = np.arange(len(along)) * (_SWING_S / _STEPS)
+    starts = begin_s + np.arange(len(q)) * (swing_s[-1] + _REST_S)
+    rows = np.arange(len(q)) * len(swing_s) + 2 * _STEPS
+    return Path(Motion((starts[:, None] + swing_s).ravel(), swings.reshape(-1, q.shape[1])), rows)

@@ -32,7 +32,7 @@ _CERTAIN_U = 2.0
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
     """Return the plays of a rig file, and of the calibrated model beside it, that are known well enough to be corrected
     in a program: a certain play is corrected whether or not it is larger than usual."""
-    unsure = {id(one.effect) for one in supports(rig) if one.value < _CERTAIN_U * one.u}
+    unsure = {id(support.effect) for support in supports(rig) if support.value < _CERTAIN_U * support.u}
     named = tuple(
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
     )

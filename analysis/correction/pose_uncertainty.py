@@ -59,11 +59,11 @@ class EffectsUncertainty:
     """The uncertainty of a rig from that of the effects in its rig file, with their correlations."""
 
     rig: Rig
-    found: tuple[Support, ...]
+    supported: tuple[Support, ...]
 
     def pose_displacements(self, q: Array) -> Array:
         """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
-        model = model_of(self.rig, used_effects(self.rig, self.found))
+        model = model_of(self.rig, used_effects(self.rig, self.supported))
         base = tool_poses(model, q)
         names, moves = [], []
         for k, effect in enumerate(model.effects):
@@ -77,11 +77,11 @@ class EffectsUncertainty:
                 names.append((parameter_label(effect, field), effect.found.correlation))
         if not moves:
             return np.zeros((0, len(q), 6))
-        known = np.eye(len(names))
+        correlations = np.eye(len(names))
         for j, (_, correlation) in enumerate(names):
-            for k, (other, _) in enumerate(names[:j]):
-                known[j, k] = known[k, j] = correlation.get(other, 0.0)
-        values, vectors = np.linalg.eigh(known)
+            for k, (earlier, _) in enumerate(names[:j]):
+                correlations[j, k] = correlations[k, j] = correlation.get(earlier, 0.0)
+        values, vectors = np.linalg.eigh(correlations)
         # Rounded correlations may make a combination a little less certain than nothing.
         independent: Array = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
         return independent
@@ -100,22 +100,22 @@ class EffectsUncertainty:
     @property
     def joints_rad(self) -> Array | None:
         """The joint angles (6, 2) rad that the runs of all effects have in common, None where no effect has any."""
-        effects = used_effects(self.rig, self.found)
-        known = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
-        if not known:
+        effects = used_effects(self.rig, self.supported)
+        ranges_deg = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
+        if not ranges_deg:
             return None
-        ranges = np.radians(np.array(known))
+        ranges = np.radians(np.array(ranges_deg))
         common: Array = np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
         return common
 
 
-def pose_uncertainty(rig: Rig, found: Sequence[Support]) -> PoseUncertainty:
+def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
     """Return what is known of the uncertainty of a rig's model: that of its calibration, and of the effects of its file
     that the calibration does not hold."""
     if rig.calibrated is None:
-        return EffectsUncertainty(rig, tuple(found))
-    held = {label_of(effect) for effect in named_in(rig.calibrated)}
-    others = tuple(one for one in found if label_of(one.effect) not in held)
+        return EffectsUncertainty(rig, tuple(supported))
+    held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
+    others = tuple(support for support in supported if label_of(support.effect) not in held_labels)
     return _Both(CalibratedUncertainty(rig, rig.calibrated), EffectsUncertainty(rig, others))
 
 
@@ -128,7 +128,7 @@ class _Both:
 
     def pose_displacements(self, q: Array) -> Array:
         """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
-        return np.concatenate([one.pose_displacements(q) for one in (self.calibrated, self.others)])
+        return np.concatenate([part.pose_displacements(q) for part in (self.calibrated, self.others)])
 
     def position_covariance_mm2(self, q: Array) -> Array:
         """Return the covariance (n, 3, 3) mm² of the tool's place at joint angles q (n, 6) rad."""
@@ -146,48 +146,50 @@ class _Both:
         return self.calibrated.unexplained_mm
 
 
-def position_u_mm(known: PoseUncertainty, q: Array) -> Array:
+def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad: the root of the trace
     of its covariance, and what the model does not explain."""
-    variance = np.trace(known.position_covariance_mm2(q), axis1=1, axis2=2)
-    u_mm: Array = np.sqrt(variance + known.unexplained_mm**2)
+    variance = np.trace(uncertainty.position_covariance_mm2(q), axis1=1, axis2=2)
+    u_mm: Array = np.sqrt(variance + uncertainty.unexplained_mm**2)
     return u_mm
 
 
-def frame_u_mm(rig: Rig, known: PoseUncertainty, q: Array, taught: Array) -> Array:
+def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad with frame and tool
     taught with the robot at joint angles `taught` (m, 6) rad, with what the model does not explain. A model that
     states no more than the covariance of each place does not say what places have in common, so that nothing of it is
     left out."""
-    if not isinstance(known, JointPoseUncertainty):
-        return position_u_mm(known, q)
+    if not isinstance(uncertainty, JointPoseUncertainty):
+        return position_u_mm(uncertainty, q)
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
-    motions = frame.motions(known.pose_displacements(taught)[:, :, :3])
+    motions = frame.motions(uncertainty.pose_displacements(taught)[:, :, :3])
     squares = np.zeros(len(q))
     for begin in range(0, len(q), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        left = frame.rest(known.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions)
-        squares[rows] = (left**2).sum(axis=(0, 2))
-    u_mm: Array = np.sqrt(squares + known.unexplained_mm**2)
+        rest_of_moves = frame.rest(
+            uncertainty.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions
+        )
+        squares[rows] = (rest_of_moves**2).sum(axis=(0, 2))
+    u_mm: Array = np.sqrt(squares + uncertainty.unexplained_mm**2)
     return u_mm
 
 
-def displacements(known: PoseUncertainty, q: Array) -> Array:
+def displacements(uncertainty: PoseUncertainty, q: Array) -> Array:
     """Return displacements (k, n, 6) mm and rad of one standard uncertainty each at joint angles q (n, 6) rad. A model
     that states no more than the covariance of each place is taken to err alike at all of them, the worst case for what
     is constant, and to know how the tool is turned."""
-    if isinstance(known, JointPoseUncertainty):
-        return known.pose_displacements(q)
-    values, vectors = np.linalg.eigh(known.position_covariance_mm2(q))
+    if isinstance(uncertainty, JointPoseUncertainty):
+        return uncertainty.pose_displacements(q)
+    values, vectors = np.linalg.eigh(uncertainty.position_covariance_mm2(q))
     root = np.einsum("nik,nk,njk->inj", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
     return np.concatenate([root, np.zeros_like(root)], axis=2)
 
 
-def covered(known: PoseUncertainty, q: Array) -> Mask | None:
+def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
     """Return whether all joints stand where the runs drove them (n,), within a small margin, at joint angles q (n, 6)
     rad; None where the runs' angles are unknown."""
-    joints = known.joints_rad
+    joints = uncertainty.joints_rad
     if joints is None:
         return None
     margin, known_of = np.radians(BEYOND_DEG), q[:, : len(joints)]

@@ -78,68 +78,72 @@ class Projection:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The changes as effects of the nominal arm: the arm that the controller then computes with."""
-        return tuple(one.effect(value) for one, value in zip(self.constants, self.values.tolist(), strict=True))
+        return tuple(
+            constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
+        )
 
     def u(self, moves: Array) -> Array:
         """Return the standard uncertainty (m,), mm or degrees, of the changes, from displacements (k, n, 6) mm and rad
         of the tool by one standard uncertainty each."""
         weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
-        found: Array = np.sqrt(((weighted @ self.operator.T) ** 2).sum(axis=0))
-        return found
+        u: Array = np.sqrt(((weighted @ self.operator.T) ** 2).sum(axis=0))
+        return u
 
 
 def project(
-    rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, beside: Array
+    rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
 ) -> Projection:
     """Return the changes of constants that hold most of what effects do to the tool at joint angles of the work (n, 6)
     rad and at others beside it (k, 6) rad. Constants that do nothing there are left out."""
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
-    shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(beside)], [len(work), len(beside)])
+    shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(spread)], [len(work), len(spread)])
     weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
-    q = np.concatenate([work, beside])
+    q = np.concatenate([work, spread])
     base, real = tool_poses(model_of(rig, ()), q), tool_poses(model_of(rig, effects), q)
     least_mm = max(_LEAST_MM, _CRUMB * float(np.linalg.norm(pose_error(base, real) * weights)))
     first = _solved(rig, real, constants, q, weights)
-    moves = [pose_error(base, tool_poses(model_of(rig, [one]), q)) * weights for one in first.effects]
-    kept = [one for one, move in zip(first.constants, moves, strict=True) if np.linalg.norm(move) >= least_mm]
-    held = _solved(rig, real, kept, q, weights)
-    each = [tool_poses(model_of(rig, [one]), work) - base[: len(work)] for one in held.effects]
+    moves = [pose_error(base, tool_poses(model_of(rig, [effect]), q)) * weights for effect in first.effects]
+    kept = [constant for constant, move in zip(first.constants, moves, strict=True) if np.linalg.norm(move) >= least_mm]
+    solved = _solved(rig, real, kept, q, weights)
+    each = [tool_poses(model_of(rig, [effect]), work) - base[: len(work)] for effect in solved.effects]
     worth_mm = [float(np.linalg.norm(move[:, :3, 3])) / np.sqrt(len(work)) for move in each]
-    return replace(held, worth_mm=np.array(worth_mm))
+    return replace(solved, worth_mm=np.array(worth_mm))
 
 
 def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weights: Array) -> Projection:
     base = tool_poses(model_of(rig, ()), q)
-    usual = np.array([one.usual for one in constants])
+    usual = np.array([constant.usual for constant in constants])
     columns = np.zeros((6 * len(q), len(constants)))
-    for k, one in enumerate(constants):
-        columns[:, k] = (pose_error(base, tool_poses(model_of(rig, [one.effect(one.usual)]), q)) * weights).ravel()
+    for k, constant in enumerate(constants):
+        columns[:, k] = (
+            pose_error(base, tool_poses(model_of(rig, [constant.effect(constant.usual)]), q)) * weights
+        ).ravel()
     u, s, vt = np.linalg.svd(columns, full_matrices=False)
-    known = s > _LEAST_MM
+    determined = s > _LEAST_MM
     error = (pose_error(base, real) * weights).ravel()
-    held = u[:, known] @ (u[:, known].T @ error)
-    scatter = float(((error - held) ** 2).sum()) / len(q)
-    shrunk = s[known] / (s[known] ** 2 + scatter)
-    operator = (vt[known].T * shrunk) @ u[:, known].T
+    explained = u[:, determined] @ (u[:, determined].T @ error)
+    scatter = float(((error - explained) ** 2).sum()) / len(q)
+    shrunk = s[determined] / (s[determined] ** 2 + scatter)
+    operator = (vt[determined].T * shrunk) @ u[:, determined].T
     sizes = np.zeros(len(constants))
     for _ in range(_ROUNDS):
         now = tool_poses(model_of(rig, [c.effect(v) for c, v in zip(constants, usual * sizes, strict=True)]), q)
-        left = (pose_error(now, real) * weights).ravel()
-        sizes = operator @ (left + columns @ sizes)
+        residual = (pose_error(now, real) * weights).ravel()
+        sizes = operator @ (residual + columns @ sizes)
     return Projection(
         tuple(constants),
         usual * sizes,
         np.zeros(len(constants)),
         operator * usual[:, None],
         weights,
-        _twins(vt, known, len(constants)),
+        _twins(vt, determined, len(constants)),
     )
 
 
-def _twins(vt: Array, known: Mask, count: int) -> tuple[tuple[int, ...], ...]:
+def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
     """Return which of some constants only their combination is known of."""
     # Directions without any effect are determined up to a turn among themselves, so all of them are taken together.
-    unknown = vt[~known]
+    unknown = vt[~determined]
     shared = unknown.T @ unknown
     groups: list[tuple[int, ...]] = []
     for k in range(count):

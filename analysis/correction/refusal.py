@@ -33,8 +33,8 @@ def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
 def _ground(calibrated: CalibratedModel) -> str:
     judged = calibrated.judged
     assert judged is not None  # noqa: S101 - without it the verdict is to correct
-    left = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
+    remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
     if ground_of(calibrated) == "no_gain_elsewhere":
-        return f"where it had no part {left}, no less than without it"
+        return f"where it had no part {remainder}, no less than without it"
     where = "on the runs used, and none judged it elsewhere" if judged.place == "used" else "where it had no part"
-    return f"a cause that is in no library remains, {judged.unexplained_um:.0f} µm; {left} {where}"
+    return f"a cause that is in no library remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"

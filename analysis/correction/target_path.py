@@ -14,9 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
-from analysis.files.cells import value
+from analysis.files.cells import TableFileError, TableProblem, value
 from analysis.files.read import MOST_BYTES
-from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
 from analysis.traces.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
@@ -69,12 +68,12 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     FileError for a file that is not a path, and TableFileError with every bad cell."""
     names, rows = _rows(path)
     joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
-    wanted, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
+    required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # of which more is said later
-    if not is_corrected and set(wanted) <= set(names) and (both := [name for name in others if name in names]):
-        what = f"has the columns {wanted[0]} … {wanted[-1]} and {both[0]}: targets are joint angles or poses"
+    if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
+        what = f"has the columns {required[0]} … {required[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
-    return _targets(path, names, rows, wanted, f"give {','.join(joints)}, or {','.join(POSES)}")
+    return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
@@ -86,9 +85,9 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
 
 
 def _targets(
-    path: Path, names: list[str], rows: list[tuple[int, list[str]]], wanted: tuple[str, ...], remedy: str
+    path: Path, names: list[str], rows: list[tuple[int, list[str]]], required: tuple[str, ...], remedy: str
 ) -> TargetPath:
-    missing = [name for name in wanted if name not in names]
+    missing = [name for name in required if name not in names]
     if missing:
         raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
     if len(set(names)) < len(names):
@@ -101,9 +100,9 @@ def _targets(
         for line, row in rows
         if len(row) != len(names)
     ]
-    values = np.zeros((len(rows), len(wanted)))
+    values = np.zeros((len(rows), len(required)))
     for k, (line, row) in enumerate(rows):
-        for column, name in enumerate(wanted):
+        for column, name in enumerate(required):
             if len(row) == len(names):
                 try:
                     values[k, column] = value(name, row[names.index(name)])
@@ -112,52 +111,63 @@ def _targets(
     if problems:
         raise TableFileError(str(path), problems)
     columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}
-    return TargetPath(columns, wanted, tuple(line for line, _ in rows), values)
+    return TargetPath(columns, required, tuple(line for line, _ in rows), values)
 
 
 def hold_uncorrected(path: TargetPath, where: str) -> None:
     """Raise FileError for a path with the columns of a corrected one."""
-    if there := [
+    if added_columns := [
         name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
     ]:  # u_mm: of tables of earlier versions
-        raise FileError(where, f"has a column {there[0]} already", "rename it; is the path corrected already?")
+        raise FileError(where, f"has a column {added_columns[0]} already", "rename it; is the path corrected already?")
 
 
-def corrected_columns(path: TargetPath, found: Corrected, against: str = "") -> pa.Table:
+def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
     """Return the same table with corrected targets, as joint angles and as poses, and their errors. A target that was
     not corrected stays as it was, and has no numbers that are not known of it. against: the verdict against which it
     was corrected, in words; empty where there is none."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
     rail = RAIL in path.names
-    axes = found.q.shape[1] - rail
+    axes = corrected.q.shape[1] - rail
     names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
-    values = np.concatenate([np.degrees(found.q[:, :axes]), RAIL_MM * found.q[:, axes:], _columns_of(found.T)], axis=1)
-    values[np.ix_(~found.done, np.isin(names, path.names))] = path.values[~found.done]
+    values = np.concatenate(
+        [
+            np.degrees(corrected.q[:, :axes]),
+            RAIL_MM * corrected.q[:, axes:],
+            np.concatenate([corrected.T[:, :3, 3], np.degrees(roll_pitch_yaw(corrected.T))], axis=1),
+        ],
+        axis=1,
+    )
+    values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
     columns |= {
         name: _cells(np.round(column, 7) + 0.0)  # no -0.0
         for name, column in zip(names, values.T, strict=True)
     }
-    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), 1e3 * found.u_mm, 1e3 * found.u_frame_mm)
-    columns |= {name: _cells(np.round(one, 6)) for name, one in zip(ADDED, added, strict=False)}
-    known = np.where(found.covered, "yes", "no") if found.covered is not None else np.full(len(found.q), "unknown")
-    covered = np.where(found.done, known, "no")
+    added = (
+        corrected.missed_mm,
+        np.linalg.norm(corrected.left_out_mm, axis=1),
+        1e3 * corrected.u_mm,
+        1e3 * corrected.u_frame_mm,
+    )
+    columns |= {name: _cells(np.round(column, 6)) for name, column in zip(ADDED, added, strict=False)}
+    inside = (
+        np.where(corrected.covered, "yes", "no")
+        if corrected.covered is not None
+        else np.full(len(corrected.q), "unknown")
+    )
+    covered = np.where(corrected.done, inside, "no")
     columns["covered"] = covered.tolist()
-    columns["corrected"] = np.where(found.done, "yes", "no").tolist()
+    columns["corrected"] = np.where(corrected.done, "yes", "no").tolist()
     if against:
-        columns[AGAINST] = [against] * len(found.q)
+        columns[AGAINST] = [against] * len(corrected.q)
     return pa.table(columns)
 
 
 def _cells(values: Array) -> list[str] | list[float]:
     """Return values (n,) as cells of a column, empty where they are NaN."""
     cells: list[float] = values.tolist()
-    return cells if np.isfinite(values).all() else ["" if np.isnan(one) else repr(one) for one in cells]
-
-
-def _columns_of(T: Array) -> Array:
-    """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
-    return np.concatenate([T[:, :3, 3], np.degrees(roll_pitch_yaw(T))], axis=1)
+    return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
 
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:

@@ -48,23 +48,23 @@ class TaughtFrame:
         """Return the small motions (k, 9) closest to displacements (k, n, 3) mm at the poses of the frame."""
         columns = self._columns(self.poses)
         inverse = np.linalg.pinv(columns.reshape(-1, columns.shape[2]), _SAME)
-        found: Array = moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
-        return found
+        motions: Array = moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
+        return motions
 
     def rest(self, moves: Array, poses: Array, motions: Array) -> Array:
         """Return displacements (k, n, 3) mm at poses (n, 4, 4) without motions (k, 9)."""
-        left: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
-        return left
+        displacements: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
+        return displacements
 
 
-def rest_mm(places: Array, wanted: Array) -> Array:
+def rest_mm(places: Array, nominal: Array) -> Array:
     """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
     with which they fit best."""
-    T = best_rigid(places, wanted[:, :3, 3])  # exact for a large turn, about which the other terms are linear
-    moves = (in_frame(T, places) - wanted[:, :3, 3])[None]
-    frame = TaughtFrame(wanted)
-    left: Array = np.linalg.norm(frame.rest(moves, wanted, frame.motions(moves))[0], axis=1)
-    return left
+    T = best_rigid(places, nominal[:, :3, 3])  # exact for a large turn, about which the other terms are linear
+    moves = (in_frame(T, places) - nominal[:, :3, 3])[None]
+    frame = TaughtFrame(nominal)
+    distances_mm: Array = np.linalg.norm(frame.rest(moves, nominal, frame.motions(moves))[0], axis=1)
+    return distances_mm
 
 
 def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:

@@ -29,17 +29,17 @@ _STEP_RAD = np.radians(15.0)
 def work_angles(rig: Rig) -> Array:
     """Return the joint angles (n, 6) rad of the rig's circle and of its hemisphere, each as far as the arm can drive
     it, or the middle of the limits where it can drive neither."""
-    found = []
+    angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
     if circle:
         phi = np.arange(0.0, 2 * np.pi, _STEP_RAD)
         with suppress(FileError):  # `rig check` reports it
-            found.append(drive(arm, frame_of(circle), phi, np.radians(circle.posture_deg), rig.name))
+            angles.append(drive(arm, frame_of(circle), phi, np.radians(circle.posture_deg), rig.name))
     if hemisphere:
         with suppress(FileError):
             q = radial_program(rig).q
-            found.append(q[: len(q) // hemisphere.visits])
-    return np.concatenate(found) if found else posture_limits(rig).mean(axis=1)[None]
+            angles.append(q[: len(q) // hemisphere.visits])
+    return np.concatenate(angles) if angles else posture_limits(rig).mean(axis=1)[None]
 
 
 def posture_limits(rig: Rig) -> Array:
@@ -81,23 +81,23 @@ def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     return tool_poses(model_of(rig, effects), q)[:, :3, 3]
 
 
-def used_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
+def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
     """Return what a correction corrects of the whole model: all that depends on the posture alone, but for effects that
     the rig file names without sufficient certainty."""
-    unsure = _unsure(found)
-    return tuple(one for one in model_of(rig).effects if not _stays(one, unsure))
+    unsure = _unsure(supported)
+    return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 
 
-def rest_effects(rig: Rig, found: Sequence[Support]) -> tuple[Effect, ...]:
+def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
     """Return what a correction leaves of the whole model."""
-    unsure = _unsure(found)
-    return tuple(one for one in model_of(rig).effects if _stays(one, unsure))
+    unsure = _unsure(supported)
+    return tuple(effect for effect in model_of(rig).effects if _stays(effect, unsure))
 
 
-def _unsure(found: Sequence[Support]) -> set[int]:
+def _unsure(supported: Sequence[Support]) -> set[int]:
     """Return the identities of the rig file's own effects that are not corrected; equal effects may stand there
     twice."""
-    return {id(one.effect) for one in found if one.use == "none"}
+    return {id(support.effect) for support in supported if support.use == "none"}
 
 
 def _stays(effect: Effect, unsure: set[int]) -> bool:

@@ -50,8 +50,8 @@ class _Parameter:
 
     def axis_of(self, name: str) -> int | None:
         """Return the axis of the rig file, from 1, where this is its name."""
-        found = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
-        return (self.axis or int(found[1]) + self.later) if found else None
+        match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
+        return (self.axis or int(match[1]) + self.later) if match else None
 
 
 _READING = _Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
@@ -111,14 +111,14 @@ class Controller:
     def entered(self, corrections: Any, where: str) -> Controller:
         """Return the controller after a person has entered the parameters of `rig correct`'s corrections.yaml or JSON,
         as read from there. Raises FileError for what is none, is for another maker, or names what is not here."""
-        found = corrections.get("controller") if isinstance(corrections, Mapping) else None
-        entries = found.get("entries") if isinstance(found, Mapping) else None
-        if not isinstance(found, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
-            what = "has no entries for a controller"
-            raise FileError(where, what, f"write it with rig correct --for {self.maker}")
-        if found.get("name") != self.maker:
-            what = f"is for a controller of {found.get('name')!r}, and this one is of {self.maker!r}"
-            raise FileError(where, what, f"write it with rig correct --for {self.maker}")
+        section = corrections.get("controller") if isinstance(corrections, Mapping) else None
+        entries = section.get("entries") if isinstance(section, Mapping) else None
+        if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
+            problem = "has no entries for a controller"
+            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
+        if section.get("name") != self.maker:
+            problem = f"is for a controller of {section.get('name')!r}, and this one is of {self.maker!r}"
+            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
         changed = self
         for number, entry in enumerate(entries, start=1):
             changed = changed._with(entry, self, f"{where}, entry {number}")
@@ -126,29 +126,33 @@ class Controller:
 
     def _with(self, entry: Any, before: Controller, where: str) -> Controller:
         name, add, unit, now = (entry.get(key) if isinstance(entry, Mapping) else None for key in _KEYS)
-        known = [(one, axis) for one in _PARAMETERS[self.maker] if (axis := one.axis_of(str(name)))]
-        if not known or known[0][1] > 6:
-            what = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
-            raise FileError(where, what, "give the file as rig correct wrote it")
-        parameter, axis = known[0]
+        candidates = [
+            (candidate, axis) for candidate in _PARAMETERS[self.maker] if (axis := candidate.axis_of(str(name)))
+        ]
+        if not candidates or candidates[0][1] > 6:
+            problem = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
+            raise FileError(where, problem, "give the file as rig correct wrote it")
+        parameter, axis = candidates[0]
         number = isinstance(add, int | float) and not isinstance(add, bool) and math.isfinite(add)
         if unit != parameter.unit or not number:
-            what = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
-            raise FileError(where, what, "give the file as rig correct wrote it")
+            problem = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
+            raise FileError(where, problem, "give the file as rig correct wrote it")
         change = parameter.factor * float(add or 0.0)
         if parameter.grows:
             stands = float(getattr(before.arm, parameter.field)[axis - 1])
             if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):
-                what = f"{name} is {abs(stands):g} mm at this controller, and the file takes it for {now:g} mm"
-                raise FileError(where, what, "leave out what was entered before, or correct again from the nominal arm")
+                problem = f"{name} is {abs(stands):g} mm at this controller, and the file takes it for {now:g} mm"
+                raise FileError(
+                    where, problem, "leave out what was entered before, or correct again from the nominal arm"
+                )
             change *= np.sign(stands)
-        one = np.zeros(6)
-        one[axis - 1] = change
+        changes = np.zeros(6)
+        changes[axis - 1] = change
         if parameter.field == "offset":  # of the angle that is read, which some arms count against the frame's
-            one = self.arm.coupling @ one
+            changes = self.arm.coupling @ changes
         if parameter.field == "reading":
-            return replace(self, reads_more=self.reads_more + one)
-        arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + one})
+            return replace(self, reads_more=self.reads_more + changes)
+        arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + changes})
         return replace(self, arm=arm)
 
 

@@ -29,7 +29,7 @@ from analysis.emulation.machine import (
     Switched,
     Waited,
 )
-from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.arm import Arm, Array, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
@@ -149,11 +149,11 @@ class _Driver:
 
     def finish_chain(self) -> None:
         """Drive the moves that wait for the one that stops."""
-        moves = [one for one in self.chain if max(one.length_mm, one.turned_rad) > _STANDS]
+        moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _STANDS]
         self.chain.clear()
         if not moves:
             return
-        parts = [_part(one) for one in moves]
+        parts = [_part(move) for move in moves]
         poses, measures, speeds, accelerations = (np.concatenate(values) for values in zip(*parts, strict=True))
         self.samples += len(poses)
         if self.samples > _MOST_SAMPLES:
@@ -191,7 +191,7 @@ def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float
     if speed.axis_rad_s:
         seconds = max(seconds, float(way.max()) / speed.axis_rad_s)
     if speed.mm_s and speed.rad_s:
-        poses = _poses(arm, np.stack([begin, end]))
+        poses = [Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) for T in forward(arm, np.stack([begin, end]))]
         turned = float((poses[0].turn.inv() * poses[1].turn).magnitude())
         seconds = max(seconds, float(np.linalg.norm(poses[1].place - poses[0].place)) / speed.mm_s)
         seconds = max(seconds, turned / speed.rad_s)
@@ -225,16 +225,10 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
     return nearest
 
 
-def _posture(q: Array, like: Posture) -> Posture:
+def _posture(q: Array, stated: Posture) -> Posture:
     """The posture at joint angles q (6,) rad, in the words of another: whether axes 4, 6 and 1 stand beyond 180°."""
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
-    return Posture(bool(q[4] > 0), beyond if len(like.counts) == len(beyond) else like.counts)
-
-
-def _poses(arm: Arm, q: Array) -> list[Pose]:
-    from analysis.kinematics.arm import forward  # noqa: PLC0415
-
-    return [Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) for T in forward(arm, q)]
+    return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
 
 def _frame(pose: Pose) -> Array:

@@ -41,30 +41,30 @@ def run(text: str, machine: Machine) -> None:
     """Drive the machine with a program. Raises ProgramError for one that is refused."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
-    found = _HEADER.fullmatch(text.replace("\r\n", "\n"))
-    if not found or not _NAME.fullmatch(found[1]):
+    match = _HEADER.fullmatch(text.replace("\r\n", "\n"))
+    if not match or not _NAME.fullmatch(match[1]):
         raise ProgramError("the sections /PROG /ATTR /MN /POS /END are not in order")
-    _Controller(_positions(found[3]), machine).obey(_lines(found[2]))
+    _Controller(_positions(match[3]), machine).obey(_lines(match[2]))
 
 
 def _lines(text: str) -> list[str]:
     lines, at = list[str](), 0
     while at < len(text):
-        found = _LINE.match(text, at)
-        if not found or int(found[1]) != len(lines) + 1 or ";" in found[2]:
+        match = _LINE.match(text, at)
+        if not match or int(match[1]) != len(lines) + 1 or ";" in match[2]:
             raise ProgramError(f"{text[at : at + 40]!r} is not line {len(lines) + 1}")
-        lines.append(found[2])
-        at = found.end()
+        lines.append(match[2])
+        at = match.end()
     return lines
 
 
 def _positions(text: str) -> dict[int, _Position]:
     positions, at = {}, 0
     while at < len(text):
-        found = _POSITION.match(text, at)
-        if not found or int(found[1]) in positions:
+        match = _POSITION.match(text, at)
+        if not match or int(match[1]) in positions:
             raise ProgramError(f"{text[at : at + 40]!r} is not a position")
-        joints, cartesian = _JOINTS.fullmatch(found[4]), _CARTESIAN.fullmatch(found[4])
+        joints, cartesian = _JOINTS.fullmatch(match[4]), _CARTESIAN.fullmatch(match[4])
         if joints:
             pose, q = None, np.radians([float(value) for value in joints.groups()])
         elif cartesian:
@@ -72,9 +72,9 @@ def _positions(text: str) -> dict[int, _Position]:
             posture = Posture(flip == "F", tuple(map(int, counts)))
             pose, q = replace(_pose([float(value) for value in cartesian.groups()[4:]]), posture=posture), None
         else:
-            raise ProgramError(f"the coordinates {found[4]!r} are not FANUC's")
-        positions[int(found[1])] = _Position(int(found[2]), int(found[3]), pose, q)
-        at = found.end()
+            raise ProgramError(f"the coordinates {match[4]!r} are not FANUC's")
+        positions[int(match[1])] = _Position(int(match[2]), int(match[3]), pose, q)
+        at = match.end()
     return positions
 
 
@@ -98,43 +98,43 @@ class _Controller:
                 raise ProgramError(f"{line!r} is not an instruction")
 
     def _moves(self, line: str) -> bool:
-        if found := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
-            position = self._at(found[1])
-            if position.q is None or not 1 <= int(found[2]) <= 100:
+        if match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
+            position = self._at(match[1])
+            if position.q is None or not 1 <= int(match[2]) <= 100:
                 raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
-            self._machine.joints(position.q, Speed(share=int(found[2]) / 100))
-        elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
-            self._machine.line(self._pose_at(found[1]), float(found[2]), stops=found[3] == "FINE", speed=Speed())
-        elif found := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
-            self._machine.turn(self._pose_at(found[1]), np.radians(float(found[2])))
-        elif found := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
-            via, end = self._pose_at(found[1]), self._pose_at(found[2])
-            stops, speed_mm_s = found[4] == "FINE", float(found[3])
+            self._machine.joints(position.q, Speed(share=int(match[2]) / 100))
+        elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
+            self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=Speed())
+        elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
+            self._machine.turn(self._pose_at(match[1]), np.radians(float(match[2])))
+        elif match := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
+            via, end = self._pose_at(match[1]), self._pose_at(match[2])
+            stops, speed_mm_s = match[4] == "FINE", float(match[3])
             self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
-        return bool(found)
+        return bool(match)
 
     def _sets(self, line: str) -> bool:
-        if found := re.fullmatch(r"  UFRAME_NUM=(\d)", line):
-            self._frame = int(found[1])
-        elif found := re.fullmatch(r"  UTOOL_NUM=(\d)", line):
-            self._tool = int(found[1])
+        if match := re.fullmatch(r"  UFRAME_NUM=(\d)", line):
+            self._frame = int(match[1])
+        elif match := re.fullmatch(r"  UTOOL_NUM=(\d)", line):
+            self._tool = int(match[1])
             self._machine.tool = self._tools[self._tool]
-        elif found := re.fullmatch(r"  PR\[(\d+)\]=LPOS", line):
-            self._register[int(found[1])] = [np.nan] * 6
-        elif found := re.fullmatch(rf"  PR\[(\d+),([1-6])\]=(?:(\d+\.\d+)|\({_NUMBER}\))", line):
-            self._register[int(found[1])][int(found[2]) - 1] = float(found[3] or found[4])
-        elif found := re.fullmatch(r"  UTOOL\[(\d)\]=PR\[(\d+)\]", line):
-            self._tools[int(found[1])] = _pose(self._register[int(found[2])])
-        return bool(found)
+        elif match := re.fullmatch(r"  PR\[(\d+)\]=LPOS", line):
+            self._register[int(match[1])] = [np.nan] * 6
+        elif match := re.fullmatch(rf"  PR\[(\d+),([1-6])\]=(?:(\d+\.\d+)|\({_NUMBER}\))", line):
+            self._register[int(match[1])][int(match[2]) - 1] = float(match[3] or match[4])
+        elif match := re.fullmatch(r"  UTOOL\[(\d)\]=PR\[(\d+)\]", line):
+            self._tools[int(match[1])] = _pose(self._register[int(match[2])])
+        return bool(match)
 
     def _acts(self, line: str) -> bool:
-        if found := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
-            self._machine.wait(float(found[1]))
-        elif found := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
-            self._machine.events.append(Switched(int(found[1]), found[2] == "ON"))
-        elif found := re.fullmatch(r"  PAUSE", line):
+        if match := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
+            self._machine.wait(float(match[1]))
+        elif match := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
+            self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
+        elif match := re.fullmatch(r"  PAUSE", line):
             self._machine.events.append(Held())
-        return bool(found)
+        return bool(match)
 
     def _at(self, number: str) -> _Position:
         if int(number) not in self._positions:

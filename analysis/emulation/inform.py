@@ -47,26 +47,26 @@ def run(text: str, machine: Machine) -> None:
     if len(heads) < len(_HEAD) or not all(heads):
         raise ProgramError("the head of the job is not in order")
     count = int(heads[3][1])  # type: ignore[index]
-    positions, rest = _positions(lines[len(_HEAD) :])
+    positions, instructions = _positions(lines[len(_HEAD) :])
     if len(positions) != count:
         raise ProgramError(f"{len(positions)} positions where NPOS says {count}")
-    if not all(re.fullmatch(form, line) for form, line in zip(_MIDDLE, rest, strict=False)):
+    if not all(re.fullmatch(form, line) for form, line in zip(_MIDDLE, instructions, strict=False)):
         raise ProgramError("the instructions do not begin in order")
-    _Controller(positions, machine).obey(rest[len(_MIDDLE) : -1])
+    _Controller(positions, machine).obey(instructions[len(_MIDDLE) : -1])
 
 
 def _positions(lines: list[str]) -> tuple[list[Pose], list[str]]:
     positions: list[Pose] = []
     posture = None
     for number, line in enumerate(lines):
-        if found := _POSITION.fullmatch(line):
-            if int(found[1]) != len(positions) or posture is None:
+        if match := _POSITION.fullmatch(line):
+            if int(match[1]) != len(positions) or posture is None:
                 raise ProgramError(f"{line!r} is out of order, or has no RCONF")
-            values = [float(value) for value in found.groups()[1:]]
+            values = [float(value) for value in match.groups()[1:]]
             turn = Rotation.from_euler("xyz", values[3:], degrees=True)
             positions.append(Pose(np.array(values[:3]), turn, posture))
-        elif found := _FORM.fullmatch(line):
-            posture = Posture(found[1] == "0", tuple(map(int, found.groups()[1:4])))
+        elif match := _FORM.fullmatch(line):
+            posture = Posture(match[1] == "0", tuple(map(int, match.groups()[1:4])))
         else:
             return positions, lines[number:]
     return positions, []
@@ -80,40 +80,40 @@ class _Controller:
     def obey(self, lines: list[str]) -> None:
         chain: list[tuple[Pose, float, bool]] = []
         for line in lines:
-            found = _MOVE.fullmatch(line)
-            if found and found[1] == "MOVC":
-                chain.append((self._take(found[2]), self._speed(found[4]), found[6] == " PL=0"))
+            match = _MOVE.fullmatch(line)
+            if match and match[1] == "MOVC":
+                chain.append((self._take(match[2]), self._speed(match[4]), match[6] == " PL=0"))
                 continue
-            if found or line.startswith(("TIMER", "DOUT", "PAUSE")):
+            if match or line.startswith(("TIMER", "DOUT", "PAUSE")):
                 self._drive(chain)
                 chain = []
-            if found:
-                self._move(found)
+            if match:
+                self._move(match)
             else:
                 self._act(line)
         self._drive(chain)
         if len(self._used) != len(self._positions):
             raise ProgramError("a position of the job belongs to no instruction")
 
-    def _move(self, found: re.Match[str]) -> None:
-        pose = self._take(found[2])
-        if found[1] == "MOVJ":
-            if not found[3] or not 0 < float(found[3]) <= 100:
+    def _move(self, match: re.Match[str]) -> None:
+        pose = self._take(match[2])
+        if match[1] == "MOVJ":
+            if not match[3] or not 0 < float(match[3]) <= 100:
                 raise ProgramError("a joint move has a speed VJ in percent")
-            self._machine.go(pose, Speed(share=float(found[3]) / 100))
-        elif found[5]:
-            self._machine.turn(pose, np.radians(float(found[5])))
+            self._machine.go(pose, Speed(share=float(match[3]) / 100))
+        elif match[5]:
+            self._machine.turn(pose, np.radians(float(match[5])))
         else:
-            self._machine.line(pose, self._speed(found[4]), stops=found[6] == " PL=0", speed=Speed())
+            self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=Speed())
 
     def _act(self, line: str) -> None:
         if line.startswith("'"):
             if len(line) > 1 + 32:
                 raise ProgramError(f"the comment {line!r} is longer than 32 characters")
-        elif found := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
-            self._machine.wait(float(found[1]))
-        elif found := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
-            self._machine.events.append(Switched(int(found[1]), found[2] == "ON"))
+        elif match := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
+            self._machine.wait(float(match[1]))
+        elif match := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
+            self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
         elif line == "PAUSE":
             self._machine.events.append(Held())
         else:

@@ -81,9 +81,9 @@ class Keyboard:
         return self._waiting.popleft()
 
     def _at_once(self, line: str) -> None:
-        word, _, rest = line.partition(" ")
+        word, _, argument = line.partition(" ")
         if word == "show":
-            column, _, value = rest.strip().partition(" ")
+            column, _, value = argument.strip().partition(" ")
             self._robot.show(column, value.strip())
             self._answer(f"{column}: {value.strip()}")
             return
@@ -91,8 +91,8 @@ class Keyboard:
         if done is None:
             raise UseError(repr(line), "is no command", "type stop, pause or go on")
         if not done():
-            what = "no program waits or is paused" if line == "go on" else "no program drives"
-            raise UseError(line, what, "start one with run NAME")
+            problem = "no program waits or is paused" if line == "go on" else "no program drives"
+            raise UseError(line, problem, "start one with run NAME")
 
     def _begin(self, line: str) -> None:
         word, _, name = line.partition(" ")

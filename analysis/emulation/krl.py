@@ -47,12 +47,12 @@ def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list
 def _tokens(line: str) -> list[str]:
     tokens, at = [], 0
     while at < len(line):
-        found = _TOKEN.match(line, at)
-        if not found:
+        match = _TOKEN.match(line, at)
+        if not match:
             raise ProgramError(f"{line[at:]!r} is not KRL")
-        if found.lastgroup:
-            tokens.append(found[0])
-        at = found.end()
+        if match.lastgroup:
+            tokens.append(match[0])
+        at = match.end()
     return tokens
 
 

@@ -274,9 +274,9 @@ class Machine:
         self.events.append(Waited(seconds))
 
 
-def _same(one: Pose, other: Pose) -> bool:
+def _same(first: Pose, second: Pose) -> bool:
     return bool(
-        np.abs(one.place - other.place).max() < _SAME_MM and (one.turn.inv() * other.turn).magnitude() < _SAME_RAD
+        np.abs(first.place - second.place).max() < _SAME_MM and (first.turn.inv() * second.turn).magnitude() < _SAME_RAD
     )
 
 

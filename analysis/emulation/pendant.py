@@ -2,32 +2,141 @@
 
 The controller commands joint angles by its own model of the arm; the arm with its hidden effects goes where it really
 goes, and the gauges read the true ball distance there.
+
+A program is found by its name, its language is known by the suffix of its file, and a machine runs it.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analysis.emulation import fanuc_tp, inform, krl, rapid, urscript
 from analysis.emulation.controller import Controller
 from analysis.emulation.driving import Driven, drive
 from analysis.emulation.machine import Machine, Pose, ProgramError
-from analysis.emulation.program_files import ProgramFiles, find_program, interpret
 from analysis.kinematics.arm import Array, arm_of
 from analysis.simulation.emulated_robot import Trace, trace_along
 from rigs.errors import FileError
-from rigs.files import read_text
+from rigs.files import read_bytes, read_text
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.vocabulary import CIRCLES, MAKERS, DrivenTest, Maker, maker_of
 from rigs.yaml_text import read_yaml
 
+_MAKERS: dict[str, Maker] = {
+    ".script": "ur",
+    ".urscript": "ur",
+    ".ls": "fanuc",
+    ".src": "kuka",
+    ".mod": "abb",
+    ".jbi": "yaskawa",
+}
+"""The makers by the suffix of the file that has the motion."""
 _MOST_BYTES = 10_000_000
-"""Corrections of a path of a hundred thousand targets are below it."""
+"""A program with a hundred thousand targets is below it; controllers hold less."""
+_SHORTEST = 8
+"""A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
+
+
+@dataclass(frozen=True)
+class ProgramFiles:
+    """A program: the file with its motion, the controller's maker, and the texts of its files by name."""
+
+    path: Path
+    maker: Maker
+    texts: Mapping[str, str]
+
+
+def find_program(directory: Path, name: str) -> ProgramFiles:
+    """Return a program by the name of its file, with or without suffix, by the name that `rig program` prints, or by a
+    path. Raises FileError where there is none, several, or one that cannot be read."""
+    path = _path_of(directory, name.strip())
+    maker = _MAKERS[path.suffix.lower()]
+    texts = {path.name: _text(path)}
+    if maker == "kuka":
+        data_files = [path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
+        texts |= {data.name: _text(data) for data in data_files[:1] if data.exists()} or {
+            data.name: _text(data) for data in data_files[1:] if data.exists()
+        }
+    return ProgramFiles(path, maker, texts)
+
+
+def interpret(maker: Maker, texts: Mapping[str, str], machine: Machine) -> None:
+    """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
+    refused."""
+    name = next(name for name in texts if Path(name).suffix.lower() in _MAKERS)
+    try:
+        match maker:
+            case "ur":
+                urscript.run(texts[name], machine)
+            case "fanuc":
+                fanuc_tp.run(texts[name], machine)
+            case "kuka":
+                krl.run(texts[name], _data_list(texts), machine)
+            case "abb":
+                rapid.run(texts[name], machine)
+            case "yaskawa":
+                inform.run(texts[name], machine)
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise ProgramError(f"it is not understood ({type(error).__name__}: {error})") from error
+
+
+def _data_list(texts: Mapping[str, str]) -> str:
+    data_lists = [text for name, text in texts.items() if name.lower().endswith(".dat")]
+    if not data_lists:
+        raise ProgramError("its data list, the .dat beside it, is missing")
+    return data_lists[0]
+
+
+def _path_of(directory: Path, name: str) -> Path:
+    named = Path(name)
+    if named.parent != Path() and named.suffix.lower() in _MAKERS:
+        return named
+    try:
+        files = sorted(path for path in directory.iterdir() if path.suffix.lower() in _MAKERS)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
+    plain_name = _plain(named.stem if named.suffix.lower() in _MAKERS else name)
+    matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
+    # A controller's longest name cuts that of the program.
+    matching = matching or [
+        path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
+    ]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        raise FileError(repr(name), f"is {' and '.join(path.name for path in matching)}", "give the name of the file")
+    programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
+    problem = f"is none of the programs in {directory}"
+    raise FileError(
+        repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _names(path: Path) -> tuple[str, ...]:
+    """The names of a program; the module of an ABB has two characters more than its procedure."""
+    name = _plain(path.stem)
+    return (name, name.removesuffix("_m")) if path.suffix.lower() == ".mod" else (name,)
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bytes(path, _MOST_BYTES).decode("latin-1")
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+
+
 _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
@@ -61,9 +170,9 @@ class Pendant:
             _, corrections = read_yaml(read_text(path, _MOST_BYTES), str(path))
         except OSError as error:
             raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-        known = corrections.get("controller") if isinstance(corrections, dict) else None
-        name = known.get("name") if isinstance(known, dict) else None
-        before = self._of(next((one for one in MAKERS if one == name), None), str(path))
+        section = corrections.get("controller") if isinstance(corrections, dict) else None
+        name = section.get("name") if isinstance(section, dict) else None
+        before = self._of(next((candidate for candidate in MAKERS if candidate == name), None), str(path))
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
@@ -74,8 +183,8 @@ class Pendant:
         if self._maker is None:
             raise FileError(where, "does not say for which controller it is", "give --for")
         if maker and maker != self._maker:
-            what = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
-            raise FileError(where, what, f"write it for {self._maker}, or start with --for {maker}")
+            problem = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
+            raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _driven(self, files: ProgramFiles, controller: Controller, test: DrivenTest) -> Driven:
@@ -96,18 +205,18 @@ class Pendant:
         on, signals = dict[int | str, bool](), []
         for t_s, output, state in driven.outputs:
             on[output] = state
-            signals.append((t_s, float(sum(on.get(one, False) << bit for bit, one in enumerate(order)))))
+            signals.append((t_s, float(sum(on.get(output, False) << bit for bit, output in enumerate(order)))))
         return tuple(signals)
 
 
 def _test_of(path: Path) -> DrivenTest:
     """The test for which a person has mounted the gauges, by the name of the program's file."""
     words = re.split(r"[^a-z]+", path.stem.lower())
-    found = [test for test in _TESTS if test in words]
-    if len(found) != 1:
-        what = f"names {' and '.join(found) or 'none'} of the tests, so it is unknown how the gauges are mounted"
-        raise FileError(str(path), what, f"put one of the words {', '.join(_TESTS)} into its name")
-    return found[0]
+    tests = [test for test in _TESTS if test in words]
+    if len(tests) != 1:
+        problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
+        raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
+    return tests[0]
 
 
 def _pose_of(rig: Rig) -> Pose:

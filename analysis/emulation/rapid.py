@@ -36,12 +36,12 @@ class _Tokens:
     def peek(self) -> str:
         return self.items[self.at][1] if self.at < len(self.items) else ""
 
-    def take(self, *wanted: str) -> str:
+    def take(self, *expected: str) -> str:
         if self.at == len(self.items):
-            raise ProgramError(f"the module ends where {' or '.join(wanted)} is expected")
+            raise ProgramError(f"the module ends where {' or '.join(expected)} is expected")
         kind, text = self.items[self.at]
-        if kind not in wanted and text not in wanted:
-            raise ProgramError(f"{text!r} stands where {' or '.join(wanted)} is expected")
+        if kind not in expected and text not in expected:
+            raise ProgramError(f"{text!r} stands where {' or '.join(expected)} is expected")
         self.at += 1
         return text
 
@@ -69,7 +69,12 @@ def run(text: str, machine: Machine) -> None:
     tokens.take(")")
     controller = _Controller(data, machine)
     while tokens.peek() != "ENDPROC":
-        controller.do(_instruction(tokens))
+        # The name and the arguments of an instruction; switches and optional arguments as they stand.
+        words = [tokens.name()]
+        while tokens.peek() != ";":
+            words.append(tokens.take("name", "number", "text", ",", "\\", ":="))
+        tokens.take(";")
+        controller.do(words)
     tokens.take("ENDPROC")
     tokens.take("ENDMODULE")
     if tokens.peek():
@@ -79,12 +84,12 @@ def run(text: str, machine: Machine) -> None:
 def _tokens(text: str) -> Any:
     at = 0
     while at < len(text):
-        found = _TOKEN.match(text, at)
-        if not found:
+        match = _TOKEN.match(text, at)
+        if not match:
             raise ProgramError(f"{text[at : at + 20]!r} is not RAPID")
-        if found.lastgroup != "skip":
-            yield str(found.lastgroup), found[0]
-        at = found.end()
+        if match.lastgroup != "skip":
+            yield str(match.lastgroup), match[0]
+        at = match.end()
 
 
 def _declaration(tokens: _Tokens, data: dict[str, Any]) -> None:
@@ -129,15 +134,6 @@ def _form(value: Any) -> str:
     return {bool: "b", float: "n", str: "t"}[type(value)]
 
 
-def _instruction(tokens: _Tokens) -> list[str]:
-    """The name and the arguments of an instruction; switches and optional arguments as they stand."""
-    words = [tokens.name()]
-    while tokens.peek() != ";":
-        words.append(tokens.take("name", "number", "text", ",", "\\", ":="))
-    tokens.take(";")
-    return words
-
-
 class _Controller:
     def __init__(self, data: dict[str, Any], machine: Machine) -> None:
         self._data, self._machine = data, machine
@@ -164,10 +160,10 @@ class _Controller:
                 self._move(words)
 
     def _stream(self, words: list[str]) -> None:
-        known = [*(f"EGM{name} @" for name in ("GetId", "Reset", "StreamStop")), "EGMStreamStart @ \\ SampleRate := 4"]
-        known.append('EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint')
+        forms = [*(f"EGM{name} @" for name in ("GetId", "Reset", "StreamStop")), "EGMStreamStart @ \\ SampleRate := 4"]
+        forms.append('EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint')
         form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
-        if form not in known:
+        if form not in forms:
             raise ProgramError(f"{' '.join(words)} is not known")
 
     def _move(self, words: list[str]) -> None:
@@ -200,8 +196,8 @@ class _Controller:
     def _frames(self, words: list[str]) -> None:
         if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._mm_s2):
             raise ProgramError(f"{' '.join(words)}: a move needs tool and work object, ConfL and PathAccLim before it")
-        held, frame, load = self._of(words[0], "tooldata")
-        if not held or load[0] <= 0 or not np.any(load[1]):
+        is_held, frame, load = self._of(words[0], "tooldata")
+        if not is_held or load[0] <= 0 or not np.any(load[1]):
             raise ProgramError("a tool that the robot holds needs a mass and its centre")
         _, _, _, user, thing = self._of(words[4], "wobjdata")
         if [user, thing] != [[[0.0] * 3, [1.0, 0.0, 0.0, 0.0]]] * 2:

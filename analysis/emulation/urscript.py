@@ -42,10 +42,10 @@ class _Tokens:
     def peek(self) -> tuple[str, str]:
         return self.items[self.at] if self.at < len(self.items) else ("over", "")
 
-    def take(self, *wanted: str) -> str:
+    def take(self, *expected: str) -> str:
         kind, text = self.peek()
-        if kind not in wanted and text not in wanted:
-            raise ProgramError(f"{text!r} stands where {' or '.join(wanted)} is expected")
+        if kind not in expected and text not in expected:
+            raise ProgramError(f"{text!r} stands where {' or '.join(expected)} is expected")
         self.at += 1
         return text
 
@@ -57,12 +57,12 @@ class _Tokens:
 def _tokens(text: str) -> Iterator[tuple[str, str]]:
     at = 0
     while at < len(text):
-        found = _TOKEN.match(text, at)
-        if not found:
+        match = _TOKEN.match(text, at)
+        if not match:
             raise ProgramError(f"{text[at : at + 20]!r} is not URScript")
-        if found.lastgroup != "skip":
-            yield str(found.lastgroup), found[0]
-        at = found.end()
+        if match.lastgroup != "skip":
+            yield str(match.lastgroup), match[0]
+        at = match.end()
 
 
 @dataclass
@@ -132,49 +132,47 @@ def _value(tokens: _Tokens) -> Any:
         tokens.take("]")
         if len(values) != 6:
             raise ProgramError(f"{len(values)} numbers where six are expected")
-        return _pose(values) if kind == "pose" else np.array(values)
+        return (
+            Pose(1000 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) if kind == "pose" else np.array(values)
+        )
     if kind == "name":
         return {"True": True, "False": False}[tokens.take("True", "False")]
     return tokens.take("number", "text").strip('"') if kind == "text" else float(tokens.take("number"))
 
 
-def _pose(values: list[float]) -> Pose:
-    return Pose(1000 * np.array(values[:3]), Rotation.from_rotvec(values[3:]))
-
-
 def _do(call: _Call, machine: Machine) -> None:
-    given = call.arguments
+    arguments = call.arguments
     match call.name:
         case "set_tcp":
-            machine.tool = given["pose"]
+            machine.tool = arguments["pose"]
         case "movej":
-            speed = Speed(axis_rad_s=_above_0(given.get("v", 1.05)), axis_rad_s2=_above_0(given.get("a", 1.4)))
-            machine.joints(given["q"], replace(speed, seconds=given.get("t") or None))
+            speed = Speed(axis_rad_s=_above_0(arguments.get("v", 1.05)), axis_rad_s2=_above_0(arguments.get("a", 1.4)))
+            machine.joints(arguments["q"], replace(speed, seconds=arguments.get("t") or None))
         case "movel":
-            speed_mm_s = 1000 * given.get("v", 0.25)
-            machine.line(given["pose"], speed_mm_s, stops=not given.get("r", 0.0), speed=_on_path(given))
+            speed_mm_s = 1000 * arguments.get("v", 0.25)
+            machine.line(arguments["pose"], speed_mm_s, stops=not arguments.get("r", 0.0), speed=_on_path(arguments))
         case "movec":
-            turning: Turning = "fixed to path" if given.get("mode", 0.0) == 1 else "even"
-            stops = not given.get("r", 0.0)
-            speed_mm_s, via = 1000 * given.get("v", 0.25), given["pose_via"].place
-            machine.arc(via, given["pose_to"], speed_mm_s, turning=turning, stops=stops, speed=_on_path(given))
+            turning: Turning = "fixed to path" if arguments.get("mode", 0.0) == 1 else "even"
+            stops = not arguments.get("r", 0.0)
+            speed_mm_s, via = 1000 * arguments.get("v", 0.25), arguments["pose_via"].place
+            machine.arc(via, arguments["pose_to"], speed_mm_s, turning=turning, stops=stops, speed=_on_path(arguments))
         case "sleep":
-            machine.wait(given["t"])
+            machine.wait(arguments["t"])
         case "popup":
-            if given.get("blocking"):
+            if arguments.get("blocking"):
                 machine.events.append(Held())
         case "write_output_integer_register":
-            machine.events.append(Shown(int(given["address"]), int(given["value"])))
+            machine.events.append(Shown(int(arguments["address"]), int(arguments["value"])))
         case name:
             first, count = _OUTPUTS[name]
-            if not 0 <= given["n"] < count:
-                raise ProgramError(f"{name} has no output {given['n']}")
-            machine.events.append(Switched(first + int(given["n"]), given["b"]))
+            if not 0 <= arguments["n"] < count:
+                raise ProgramError(f"{name} has no output {arguments['n']}")
+            machine.events.append(Switched(first + int(arguments["n"]), arguments["b"]))
 
 
-def _on_path(given: dict[str, Any]) -> Speed:
+def _on_path(arguments: dict[str, Any]) -> Speed:
     """The manual's default of an acceleration is 1.2 m/s²; with t the time decides."""
-    return Speed(mm_s2=1000 * _above_0(given.get("a", 1.2)), seconds=given.get("t") or None)
+    return Speed(mm_s2=1000 * _above_0(arguments.get("a", 1.2)), seconds=arguments.get("t") or None)
 
 
 def _above_0(value: float) -> float:

@@ -102,7 +102,7 @@ class _Name:
     @property
     def role(self) -> Role:
         """What the words say of it."""
-        return next((role for role, known in _ROLES.items() if known & set(self.words)), "unsaid")
+        return next((role for role, role_words in _ROLES.items() if role_words & set(self.words)), "unsaid")
 
 
 def is_of_controller(name: str) -> bool:
@@ -115,24 +115,30 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     """Return what the columns of a table may be for an arm with these names of axes."""
     numeric = set(raw.numeric)
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
-    names = [one for one in names if one.role != "other"]
-    named = [one for one in names if not _NAMELESS.fullmatch(one.column)]
+    names = [name for name in names if name.role != "other"]
+    named = [name for name in names if not _NAMELESS.fullmatch(name.column)]
     axes = len(axis_names)
     numbered = [_as_named(raw, group, axis_names) for group in _numbered(named, axes)]
     joints = list({group.columns: group for group in (*numbered, *_called(named, axis_names))}.values())
     near = tuple(name for count in (5, 7, 8) for group in _numbered(named, count) for name in group.columns)
     if not joints and not near:
-        joints = _with_word(named, axes)
+        by_role: dict[Role, list[_Name]] = defaultdict(list)
+        for name in named:
+            if {"joint", "axis"} & set(name.words):
+                by_role[name.role].append(name)
+        joints = [_group(ones) for ones in by_role.values() if len(ones) == axes]
     taken = {column for group in joints for column in group.columns}
-    rest = [one for one in named if one.column not in taken]
-    places, turns = _lettered(rest)
-    seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(rest))
+    unused = [name for name in named if name.column not in taken]
+    places, turns = _lettered(unused)
+    seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(unused))
     residuals = tuple(place for place in places if place.role == "residual")
-    used = taken | {column for one in seen for column in one.place.columns} | {c for g in residuals for c in g.columns}
+    used = (
+        taken | {column for pose in seen for column in pose.place.columns} | {c for g in residuals for c in g.columns}
+    )
     used |= {column for turn in turns for reading in turn[1] for column in reading.columns}
     if not joints or not seen:
-        left = [one.column for one in names if one.column not in used]
-        more_joints, more_seen = _by_position(raw, left, axes, not joints, not seen)
+        unexplained = [name.column for name in names if name.column not in used]
+        more_joints, more_seen = _by_position(raw, unexplained, axes, not joints, not seen)
         joints, seen = [*joints, *more_joints], [*seen, *more_seen]
     return Groups(tuple(joints), tuple(seen), residuals, near)
 
@@ -141,13 +147,13 @@ def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
     """Joints that are numbered through, in the order of the axes where columns of names beside them say which is which:
     field.name0 … beside field.position0 …, as `rostopic echo -p` writes a JointState in the order of its sender."""
     for word in ("position", "pos"):
-        beside = [re.sub(rf"{word}(?=\W*\d+$)", "name", column) for column in group.columns]
-        if all(one in raw.names and one != own for one, own in zip(beside, group.columns, strict=True)):
-            said = [str(raw.cells[one][0].as_py()) for one in beside]
-            order = dict(zip(said, group.columns, strict=True))
+        name_columns = [re.sub(rf"{word}(?=\W*\d+$)", "name", column) for column in group.columns]
+        if all(name in raw.names and name != column for name, column in zip(name_columns, group.columns, strict=True)):
+            axis_calls = [str(raw.cells[column][0].as_py()) for column in name_columns]
+            order = dict(zip(axis_calls, group.columns, strict=True))
             called = [_name(name, "") for name in order]
-            for found in (*_called(called, axis_names), *_numbered(called, len(axis_names))):
-                return replace(group, columns=tuple(order[name] for name in found.columns))
+            for ordered in (*_called(called, axis_names), *_numbered(called, len(axis_names))):
+                return replace(group, columns=tuple(order[name] for name in ordered.columns))
     return group
 
 
@@ -166,21 +172,23 @@ def _name(column: str, unit_line: str) -> _Name:
 
 
 def _group(names: Sequence[_Name]) -> Group:
-    units = {one.unit for one in names}
-    words = {word for one in names for word in one.words}
-    own = bool(words & _CONTROLLER) and not words & _INSTRUMENT
-    return Group(tuple(one.column for one in names), names[0].role, units.pop() if len(units) == 1 else "", own)
+    units = {name.unit for name in names}
+    words = {word for name in names for word in name.words}
+    of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
+    return Group(
+        tuple(name.column for name in names), names[0].role, units.pop() if len(units) == 1 else "", of_controller
+    )
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
     """Numbered columns by what is the same in their names, the last number left out."""
-    found: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
-    for one in names:
-        digits = [k for k, word in enumerate(one.words) if word.isdigit() and len(word) < 3]
+    templates: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
+    for name in names:
+        digits = [k for k, word in enumerate(name.words) if word.isdigit() and len(word) < 3]
         if digits:
             k = digits[-1]
-            found[(*one.words[:k], "*", *one.words[k + 1 :])].setdefault(int(one.words[k]), one)
-    return found
+            templates[(*name.words[:k], "*", *name.words[k + 1 :])].setdefault(int(name.words[k]), name)
+    return templates
 
 
 def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
@@ -191,41 +199,35 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
 
 
 def _numbered(names: Sequence[_Name], count: int) -> list[Group]:
-    found = []
+    groups = []
     for template, numbered in _templates(names).items():
         words = {word for word in template if word != "*"}
         order = _in_order(numbered, count)
         if order and words & _JOINT_WORDS and not words & {"pose", "tcp"}:
-            found.append(_group(order))
-    return found
+            groups.append(_group(order))
+    return groups
 
 
 def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
     """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm, whatever stands before
     and behind: the names settle the order, which in a message is often that of the alphabet."""
-    found = []
-    wanted = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
-    wanted += [one for one in _UR_NAMES if len(one) == len(axis_names)]
-    for calls in dict.fromkeys(wanted):
+    groups = []
+    call_sets = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
+    call_sets += [calls for calls in _UR_NAMES if len(calls) == len(axis_names)]
+    for calls in dict.fromkeys(call_sets):
         if len(set(calls)) < len(calls) or min(map(len, calls)) < _A_CALL:
             continue
         alike: dict[tuple[Role, str], dict[str, _Name]] = defaultdict(dict)
-        for one in names:
-            whole = "".join(one.words)
+        for name in names:
+            whole = "".join(name.words)
             for call in sorted(calls, key=len, reverse=True):
                 if call in whole:
-                    alike[(one.role, whole.replace(call, "*", 1))].setdefault(call, one)
+                    alike[(name.role, whole.replace(call, "*", 1))].setdefault(call, name)
                     break
-        found += [_group([own[call] for call in calls]) for own in alike.values() if len(own) == len(calls)]
-    return list({group.columns: group for group in found}.values())
-
-
-def _with_word(names: Sequence[_Name], axes: int) -> list[Group]:
-    by_role: dict[Role, list[_Name]] = defaultdict(list)
-    for one in names:
-        if {"joint", "axis"} & set(one.words):
-            by_role[one.role].append(one)
-    return [_group(ones) for ones in by_role.values() if len(ones) == axes]
+        groups += [
+            _group([by_call[call] for call in calls]) for by_call in alike.values() if len(by_call) == len(calls)
+        ]
+    return list({group.columns: group for group in groups}.values())
 
 
 _Turns = list[tuple[Group, tuple[TurnReading, ...]]]
@@ -237,11 +239,19 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
     turns = _in_sets(names)
     taken = {column for group, _ in turns for column in group.columns}
     places = []
-    for template, found in _by_letter(names).items():
-        ones = [found[letter] for letter in "xyz"]
-        w = found.get("w")
+    # Columns x, y, z, and w where there is one, by what is the same in their names.
+    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for name in names:
+        for k, word in enumerate(name.words):
+            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
+                parts[(*name.words[:k], f"{word[:-1]}*", *name.words[k + 1 :])].setdefault(word[-1], name)
+    for template, by_letter in parts.items():
+        if not set("xyz") <= by_letter.keys():
+            continue
+        ones = [by_letter[letter] for letter in "xyz"]
+        w = by_letter.get("w")
         if w and w.column not in taken:
-            columns = tuple(one.column for one in (*ones, w))
+            columns = tuple(name.column for name in (*ones, w))
             turns.append((_group(ones), (TurnReading(columns, "quaternion"),)))
         elif {word.rstrip("*") for word in template} & _TURN_WORDS:
             turns.append((_group(ones), _angle_readings(ones)))
@@ -250,44 +260,34 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
     return places, [*turns, *_quaternions(names), *_matrices(names)]
 
 
-def _by_letter(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[str, _Name]]:
-    """Columns x, y, z, and w where there is one, by what is the same in their names."""
-    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
-    for one in names:
-        for k, word in enumerate(one.words):
-            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
-                parts[(*one.words[:k], f"{word[:-1]}*", *one.words[k + 1 :])].setdefault(word[-1], one)
-    return {template: found for template, found in parts.items() if set("xyz") <= found.keys()}
-
-
 def _in_sets(names: Sequence[_Name]) -> _Turns:
     """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T."""
     sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
-    for one in names:
-        for k, word in enumerate(one.words):
+    for name in names:
+        for k, word in enumerate(name.words):
             for call, members in _SETS.items():
                 if word in members:
-                    sets[(call, *one.words[:k], "*", *one.words[k + 1 :])].setdefault(word, one)
-    whole = {key: [found[word] for word in _SETS[key[0]]] for key, found in sets.items() if len(found) == 3}
+                    sets[(call, *name.words[:k], "*", *name.words[k + 1 :])].setdefault(word, name)
+    whole = {key: [by_word[word] for word in _SETS[key[0]]] for key, by_word in sets.items() if len(by_word) == 3}
     return [(_group(ones), _set_readings(key[0], ones)) for key, ones in whole.items()]
 
 
 def _quaternions(names: Sequence[_Name]) -> _Turns:
     """Turns by q1 … q4, of which the first or the last is the real part."""
-    found: _Turns = []
+    turns: _Turns = []
     for template, numbered in _templates(names).items():
         order = _in_order(numbered, 4)
         if order and {"q", "quat", "quaternion"} & set(template):
-            first, *others = (one.column for one in order)
+            first, *others = (name.column for name in order)
             columns = ((*others, first), (first, *others))
-            found.append((_group(order), tuple(TurnReading(one, "quaternion") for one in columns)))
-    return found
+            turns.append((_group(order), tuple(TurnReading(columns, "quaternion") for columns in columns)))
+    return turns
 
 
 def _set_readings(call: str, ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
     """KUKA's A, B, C turn about z, y, x; Kawasaki's O, A, T about z, y, z; everybody else's about x, y, z."""
     if call == "oat":
-        return (TurnReading(tuple(one.column for one in ones), "moving zyz"),)
+        return (TurnReading(tuple(name.column for name in ones), "moving zyz"),)
     readings = _angle_readings(ones)
     if call == "abc":
         return (*_angle_readings(ones[::-1]), *readings)
@@ -296,38 +296,38 @@ def _set_readings(call: str, ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
 
 def _angle_readings(ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
     """Three angles about x, y and z, in every order of moving axes, and as a rotation vector."""
-    by_axis = {axis: one.column for axis, one in zip("xyz", ones, strict=True)}
-    found = []
+    by_axis = {axis: name.column for axis, name in zip("xyz", ones, strict=True)}
+    readings = []
     for order in _ORDERS:
         if order == "zyx":  # in the words of everybody: roll, pitch, yaw about fixed axes
-            found.append(TurnReading(tuple(by_axis[axis] for axis in "xyz"), "fixed xyz"))
+            readings.append(TurnReading(tuple(by_axis[axis] for axis in "xyz"), "fixed xyz"))
         else:
-            found.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
-    return (*found, TurnReading(tuple(one.column for one in ones), "rotation vector"))
+            readings.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
+    return (*readings, TurnReading(tuple(name.column for name in ones), "rotation vector"))
 
 
 def _matrices(names: Sequence[_Name]) -> _Turns:
     """The nine columns of a rotation, r11 … r33 or r_0_0 … r_2_2, row by row."""
     by_place = {}
-    for one in names:
-        digits = "".join(word for word in one.words if word.isdigit())
-        if len(digits) == 2 and {"r", "rot", "m", "t", "matrix", "rotation"} & set(one.words):
-            by_place[digits] = one
+    for name in names:
+        digits = "".join(word for word in name.words if word.isdigit())
+        if len(digits) == 2 and {"r", "rot", "m", "t", "matrix", "rotation"} & set(name.words):
+            by_place[digits] = name
     for first in (0, 1):
-        wanted = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
-        if set(wanted) <= by_place.keys():
-            ones = [by_place[place] for place in wanted]
-            return [(_group(ones), (TurnReading(tuple(one.column for one in ones), "matrix"),))]
+        places = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
+        if set(places) <= by_place.keys():
+            ones = [by_place[place] for place in places]
+            return [(_group(ones), (TurnReading(tuple(name.column for name in ones), "matrix"),))]
     return []
 
 
 def _beside(place: Group, turns: _Turns) -> Seen:
     """A place with the turn of the same role, or the only one."""
-    same = [turn for turn in turns if turn[0].role == place.role]
-    if not same:
+    same_role = [turn for turn in turns if turn[0].role == place.role]
+    if not same_role:
         return Seen(place)
-    readings = tuple(reading for _, found in same for reading in found)
-    units = {group.unit for group, _ in same}
+    readings = tuple(reading for _, ways in same_role for reading in ways)
+    units = {group.unit for group, _ in same_role}
     return Seen(place, readings, units.pop() if len(units) == 1 else "")
 
 
@@ -336,14 +336,14 @@ def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
     for numbered in _templates(names).values():
         for count in (6, 7, 12, 16):
             if order := _in_order(numbered, count):
-                like = _group(order)
+                whole = _group(order)
                 for seen in _poses([name.column for name in order]):
-                    yield replace(seen, place=replace(like, columns=seen.place.columns, unit=""))
+                    yield replace(seen, place=replace(whole, columns=seen.place.columns, unit=""))
     matrix: dict[str, _Name] = {}
-    for one in names:
-        digits = "".join(word for word in one.words if word.isdigit())
+    for name in names:
+        digits = "".join(word for word in name.words if word.isdigit())
         if len(digits) == 2:
-            matrix[digits] = one
+            matrix[digits] = name
     for first in (0, 1):
         rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
         if all(place in matrix for row in rows for place in row):
@@ -375,9 +375,9 @@ def _poses(columns: Sequence[str]) -> Iterator[Seen]:
 
 def _any_angles(columns: Sequence[str]) -> tuple[TurnReading, ...]:
     """Three angles of which no name says the axes."""
-    own = _angle_readings([_Name(column, (), "") for column in columns])
+    by_axes = _angle_readings([_Name(column, (), "") for column in columns])
     turned = [TurnReading(tuple(columns), f"moving {order}") for order in (*_ORDERS, *_ZYZ)]
-    return tuple(dict.fromkeys((*own, *turned)))
+    return tuple(dict.fromkeys((*by_axes, *turned)))
 
 
 def _by_position(

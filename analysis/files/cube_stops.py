@@ -11,9 +11,9 @@ from itertools import permutations
 import numpy as np
 import pyarrow as pa
 
+from analysis.files.cells import TableFileError, TableProblem
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Lengths
-from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.geometry.iso_cube import ORDER, Cube
 from analysis.geometry.rigid import best_rigid, in_frame
 from analysis.kinematics.arm import Array, Integers
@@ -92,6 +92,6 @@ def _heaps(xyz_mm: Array, radius_mm: float) -> tuple[Integers, Array]:
 
 def _in_order(pose: Integers) -> float:
     """The share of steps that lead to the next pose of a cycle."""
-    follows = {one: ORDER[(place + 1) % len(ORDER)] for place, one in enumerate(ORDER)}
+    follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
     steps = [follows[before] == after for before, after in zip(pose[:-1].tolist(), pose[1:].tolist(), strict=True)]
     return float(np.mean(steps)) if steps else 0.0

@@ -6,7 +6,7 @@ import difflib
 import re
 from collections import Counter
 
-from analysis.files.table_problems import TableFileError, TableProblem, quoted
+from analysis.files.cells import TableFileError, TableProblem, quoted
 from analysis.traces.table_layout import LAYOUTS, RAIL, TURN, WORDS, Layout, came_from_columns, layout_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
@@ -66,25 +66,21 @@ def _separator(where: str, names: list[str]) -> None:
 
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
-    near = _nearest(name, names, layout)
+    # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
+    others = [extra for extra in names if extra not in _OF_ANY]
+    of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
+    taken = {_stem(column) for column in layout.known}
+    alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
+    near = next(iter(of_same_stem + alike), None)
     if near:
         stem, _, unit = name.rpartition("_")
-        wanted = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
-        return f"this column is missing; is it {quoted(near)}? Then name it {name}{wanted}"
+        unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
+        return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
     if name == "direction":
         return "this column is missing; add it, or give --direction cw or acw"
     if test in ("yaw", "roll") and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"
-
-
-def _nearest(name: str, names: list[str], layout: Layout) -> str | None:
-    """The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike."""
-    others = [other for other in names if other not in _OF_ANY]
-    same = [other for other in others if _stem(other) == _stem(name)]
-    taken = {_stem(known) for known in layout.known}
-    alike = difflib.get_close_matches(name, [other for other in others if _stem(other) not in taken], n=1)
-    return next(iter(same + alike), None)
 
 
 def _stem(name: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from analysis.conventions.check import doubts_of, refuse_impossible
 from analysis.files.bags import is_bag
+from analysis.files.cells import Problems, TableFileError
 from analysis.files.cube_stops import with_joints
 from analysis.files.map_proposal import Proposal, propose
 from analysis.files.mapped import MappedPoses, poses_of, table_by
@@ -17,7 +18,6 @@ from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, r
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
-from analysis.files.table_problems import Problems, TableFileError
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
 from analysis.measures.driven_paths import driven_paths
@@ -71,8 +71,8 @@ def is_plain(path: Path, test: TestName) -> bool:
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
-    known = names & set(LAYOUTS[test].required)
-    return len(known) > 1 and (test != "pose" or bool(known - set(PLACE)))
+    ours = names & set(LAYOUTS[test].required)
+    return len(ours) > 1 and (test != "pose" or bool(ours - set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
@@ -88,11 +88,11 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     """Return the poses of files that a controller computed, by the map that they propose for the arm of a rig. Raises
     FileError."""
     proposal, raw = _proposed(files, rig, "", "")
-    computed = [one for one in proposal.questions if one.key == "place"]
+    computed = [question for question in proposal.questions if question.key == "place"]
     for question in computed:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
-        asks = "; ".join(f"{one.key}: {one.asks}" for one in proposal.questions)
+        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
         raise FileError(str(files[0]), f"leaves open what its columns mean ({asks})", "name their units in its header")
     return poses_of(raw, proposal.table_map)
 
@@ -105,9 +105,13 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
         data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
         sheet = ""
         if is_workbook(data):
-            sheet, data = _only_sheet(sheets_of(data, str(path)), str(path))
-        lines, found = text_of(data, str(path))
-        layout = layout_of(lines, found.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
+            sheets = sheets_of(data, str(path))
+            if len(sheets) != 1:
+                what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                raise FileError(str(path), what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+            sheet, data = next(iter(sheets.items()))
+        lines, text_layout = text_of(data, str(path))
+        layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
         layouts.append(layout)
         tables.append(read_raw(lines, layout, str(path)))
     raw, _ = joined(tables, join)
@@ -117,8 +121,8 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
     """The table of the stands in a bag, its topic and doubts; any other file as it is."""
     if is_bag(data):
-        found = stands_of_bag(data, where, rig, topic)
-        return found.text, found.topic, found.doubts
+        stands = stands_of_bag(data, where, rig, topic)
+        return stands.text, stands.topic, stands.doubts
     if topic:
         raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
     return data, "", ()
@@ -129,13 +133,6 @@ def _hold_standing(rig: Rig, where: str) -> None:
     if rig.robot.rail:
         what = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
         raise FileError(where, what, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
-
-
-def _only_sheet(sheets: dict[str, bytes], where: str) -> tuple[str, bytes]:
-    if len(sheets) != 1:
-        what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
-        raise FileError(where, what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
-    return next(iter(sheets.items()))
 
 
 def read_mapped(  # noqa: PLR0913 - what a run is labelled with
@@ -165,8 +162,8 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     data = [read_whole(path) for path in files]
     _hold_standing(rig, where)
     stands = [
-        _stands_in(one, str(path), rig, layout.topic)
-        for path, one, layout in zip(files, data, table_map.files, strict=True)
+        _stands_in(content, str(path), rig, layout.topic)
+        for path, content, layout in zip(files, data, table_map.files, strict=True)
     ]
     raw, left_out = read_files(
         [(path, text) for path, (text, *_) in zip(files, stands, strict=True)], table_map.files, table_map.join
@@ -180,7 +177,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     )
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
-    digests = [hashlib.sha256(one).hexdigest() for one in data]
+    digests = [hashlib.sha256(content).hexdigest() for content in data]
     run = table_run(
         files[0],
         table,
@@ -195,7 +192,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         table_map=map_text(table_map),
         assumed=table_map.assumed,
     )
-    doubts = [doubt for *_, own in stands for doubt in own]
+    doubts = [doubt for *_, of_file in stands for doubt in of_file]
     doubts += [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
     return _held(run, rig, where, doubts)
 
@@ -204,8 +201,8 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     """A run held against the rig, with what an evaluation will refuse among its doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
-    known = (*doubts, *_doubts(measured.table, rig, where), *measured.doubts)
-    return replace(measured, doubts=doubts_of(replace(measured, doubts=known)))
+    reasons = (*doubts, *_doubts(measured.table, rig, where), *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:

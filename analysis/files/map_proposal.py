@@ -7,7 +7,7 @@ turn free. A reading is taken where it fits, and the second best clearly does no
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -16,16 +16,16 @@ import numpy as np
 
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
 from analysis.conventions.source import OF_CONTROLLER
+from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
-from analysis.files.mapped import MappedPoses, poses_of
+from analysis.files.mapped import poses_of
 from analysis.files.meant_columns import meant
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
-from analysis.files.table_problems import TableFileError
 from analysis.geometry.iso_cube import cube_of
 from analysis.geometry.pose_setup import fit_setup
-from analysis.kinematics.arm import Arm, Array, arm_of, forward, without_setup
+from analysis.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -101,14 +101,19 @@ class Proposal:
 
     def answered(self, question: Question, reading: Reading) -> Proposal:
         """The proposal with an answer to a question."""
-        other = tuple(one for one in self.questions if one is not question)
-        return replace(self, table_map=self.table_map.model_copy(update={question.key: reading.value}), questions=other)
+        others = tuple(open_question for open_question in self.questions if open_question is not question)
+        return replace(
+            self, table_map=self.table_map.model_copy(update={question.key: reading.value}), questions=others
+        )
 
     def assumed(self) -> Proposal:
         """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
-        words = [f"{one.key}: {one.readings[0].words} was assumed and is not confirmed" for one in self.questions]
-        held = (*self.table_map.assumed, *words)
-        return replace(self, table_map=self.table_map.model_copy(update={"assumed": held}), questions=())
+        words = [
+            f"{question.key}: {question.readings[0].words} was assumed and is not confirmed"
+            for question in self.questions
+        ]
+        assumed = (*self.table_map.assumed, *words)
+        return replace(self, table_map=self.table_map.model_copy(update={"assumed": assumed}), questions=())
 
 
 @dataclass
@@ -138,8 +143,8 @@ class _Judge:
         if len(table.q) < FEWEST or np.abs(table.xyz_mm).max() > _FARTHEST_MM:
             return nothing
         apart = float(np.sqrt(((table.xyz_mm - table.xyz_mm.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        left = left_mm(table, self.bare, table.q, steps, with_turns=False)
-        return Reading(table_map, left, "mm", words, left / apart if apart else np.inf)
+        rms_mm = left_mm(table, self.bare, table.q, steps, with_turns=False)
+        return Reading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
 
 
 def _plain(number: float) -> str:
@@ -156,10 +161,10 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     groups = groups_of(raw, names)
     stops = _stops_of_cube(raw, groups, rig)
     if stops is not None:
-        found = propose(stops, layouts, join, rig)
-        said = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
-        table_map = found.table_map.model_copy(update={"stops": "of the cube"})
-        return replace(found, table_map=table_map, checked=(said, *found.checked))
+        proposal = propose(stops, layouts, join, rig)
+        finding = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
+        table_map = proposal.table_map.model_copy(update={"stops": "of the cube"})
+        return replace(proposal, table_map=table_map, checked=(finding, *proposal.checked))
     _refuse_missing(raw, groups, len(names))
     bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
@@ -175,7 +180,13 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     if chosen.turns and table_map.turn is None:
         table_map = _turned(judge, table_map, chosen)
     if residual and table_map.residual:
-        _ask_sign(judge, table_map.residual)
+        # Both signs of a residual fit an arm equally: its errors would only be mirrored.
+        meanings = ("target - measured", "measured - target")
+        values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
+        words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
+        readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
+        asks = "the file does not say what its residual is, and both fit the arm"
+        judge.questions.append(Question("residual", asks, readings))
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
     return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
@@ -186,9 +197,9 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
     has joints, or there is no such cube. Raises FileError where its places are not those of the cube."""
     if groups.joints or groups.near or rig.tests.iso9283 is None:
         return None
-    seen = [one.place for one in groups.seen if one.place.role != "commanded"]
+    seen = [pose.place for pose in groups.seen if pose.place.role != "commanded"]
     cube, failed = cube_of(rig) if seen else None, None
-    for place, unit in ((one, unit) for one in seen for unit in _units(one.unit, _LENGTHS)):
+    for place, unit in ((group, unit) for group in seen for unit in _units(group.unit, _LENGTHS)):
         try:
             return with_joints(raw, Lengths(columns=place.columns, unit=unit), cube) if cube else None
         except TableFileError:
@@ -205,8 +216,8 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
     has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{more}"
     if not groups.joints:
         if groups.near:
-            there = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
-            what = f"has {there}, the arm of the rig file {axes} axes"
+            nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
+            what = f"has {nears}, the arm of the rig file {axes} axes"
             raise FileError(raw.where, what, "give the rig file of the arm that was measured")
         what = f"has no {axes} columns that may be joints; {has}"
         remedy = (
@@ -214,24 +225,26 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
             "ISO 9283 cube need none, where the rig file has tests.iso9283"
         )
         raise FileError(raw.where, what, remedy)
-    if not any(one.place.role != "commanded" for one in groups.seen) and not (groups.seen and groups.residuals):
-        there = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
-        what = f"has {there}, so nothing that was measured; {has}"
+    if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
+        nears = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
+        what = f"has {nears}, so nothing that was measured; {has}"
         raise FileError(raw.where, what, "name the measured ones in a map (--map)")
 
 
 def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
     """Joints to read, and those that were commanded beside them."""
-    measured = [one for one in groups if one.role == "measured"] or [one for one in groups if one.role == "unsaid"]
-    commanded = [one for one in groups if one.role == "commanded"]
+    measured = [group for group in groups if group.role == "measured"] or [
+        group for group in groups if group.role == "unsaid"
+    ]
+    commanded = [group for group in groups if group.role == "commanded"]
     return (measured, commanded) if measured else (commanded, [])
 
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
     """Places to read, and the residual beside them where no column holds what was measured."""
-    measured = [one for one in groups.seen if one.place.role == "measured"]
-    unsaid = [one for one in groups.seen if one.place.role == "unsaid"]
-    commanded = [one for one in groups.seen if one.place.role == "commanded"]
+    measured = [pose for pose in groups.seen if pose.place.role == "measured"]
+    unsaid = [pose for pose in groups.seen if pose.place.role == "unsaid"]
+    commanded = [pose for pose in groups.seen if pose.place.role == "commanded"]
     if measured:
         return measured, None
     if len(groups.residuals) == 1 and len(commanded or unsaid) == 1:
@@ -243,17 +256,19 @@ def _placed(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None
 ) -> tuple[TableMap, Seen]:
     """The map of joints and place, and the place that it is of; what remains open is a question of the judge."""
-    found = _readings(judge, joints, seen, residual, stated=True)
+    candidates = _readings(judge, joints, seen, residual, stated=True)
     overruled = None
-    if not found[0][0].fits:
-        other = _readings(judge, joints, seen, residual, stated=False)
-        if other[0][0].fits:
-            overruled, found = found[0], other
+    if not candidates[0][0].fits:
+        unstated = _readings(judge, joints, seen, residual, stated=False)
+        if unstated[0][0].fits:
+            overruled, candidates = candidates[0], unstated
         else:
-            found = sorted([*_from_tool(judge, joints, seen), *found], key=lambda one: one[0].share)
-            if not found[0][0].fits and residual is None:
-                overruled, found = _otherwise(judge, joints, seen, found)
-    (best, chosen), *others = found
+            candidates = sorted(
+                [*_from_tool(judge, joints, seen), *candidates], key=lambda candidate: candidate[0].share
+            )
+            if not candidates[0][0].fits and residual is None:
+                overruled, candidates = _otherwise(judge, joints, seen, candidates)
+    (best, chosen), *others = candidates
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
         what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
@@ -262,22 +277,26 @@ def _placed(
     if overruled:
         _ask(
             judge,
-            [found[0], overruled],
+            [candidates[0], overruled],
             "its header says otherwise, or the order of its columns, which does not fit the arm; which is it?",
         )
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
-    rivals = [one for one in others if one[0].share < CLEARLY * least]
-    _ask(judge, [found[0], *rivals], "more than one reading fits the arm; which is it?")
-    named = next((one.topic for one in judge.layouts if is_of_controller(one.topic)), "")
-    if residual is None and found[0][0] is best and best.left < _SMALL_MM * best.share:
-        best = _hardly_moved(judge, found[0])
+    rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
+    _ask(judge, [candidates[0], *rivals], "more than one reading fits the arm; which is it?")
+    named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
+    if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
+        best = _hardly_moved(judge, candidates[0])
     if chosen.place.of_controller or named:
         words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
         by_robot = Reading(None, np.nan, "mm", words)
         measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
         asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
-    elif residual is None and best.left < _COMPUTED_MM and _postures(judge, best.value) > _FEW_POSTURES:
+    elif (
+        residual is None
+        and best.left < _COMPUTED_MM
+        and len(np.unique(np.round(poses_of(judge.raw, best.value).q, 2), axis=0)) > _FEW_POSTURES
+    ):
         judge.assumed.append(
             f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
             "computed by the controller, or simulated"
@@ -295,9 +314,9 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
         return best
     first = ways[0]
     if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
-        other = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
-        _ask(judge, [(other, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
-        return other
+        second = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
+        _ask(judge, [(second, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
+        return second
     if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
             f"the joints move too little to show order and signs of the columns ({first.words} fits to "
@@ -306,65 +325,55 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
     return best
 
 
-def _postures(judge: _Judge, table_map: TableMap) -> int:
-    """How many different postures the rows that judge have."""
-    return len(np.unique(np.round(poses_of(judge.raw, table_map).q, 2), axis=0))
-
-
-def _ask(judge: _Judge, found: Sequence[tuple[Reading, Seen]], asks: str) -> None:
+def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -> None:
     """A question for each of joints and place that differs in readings, the likeliest first."""
     for key in ("joints", "place", "turn", "sees"):
-        readings = _of_key(key, found)
+        values: dict[str, Reading] = {}
+        for reading, _ in candidates:
+            value = getattr(reading.value, key)
+            values.setdefault(repr(value), replace(reading, value=value))
+        readings = tuple(values.values())[:_SHOWN]
         if len(readings) > 1:
             judge.questions.append(Question(key, asks, readings))
-
-
-def _of_key(key: str, found: Iterable[tuple[Reading, Seen]]) -> tuple[Reading, ...]:
-    """The different values of a key in readings, each with what its best leaves."""
-    values: dict[str, Reading] = {}
-    for reading, _ in found:
-        value = getattr(reading.value, key)
-        values.setdefault(repr(value), replace(reading, value=value))
-    return tuple(values.values())[:_SHOWN]
 
 
 def _readings(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None, *, stated: bool
 ) -> list[tuple[Reading, Seen]]:
     """Every way to read joints and place, the best first. stated: units that the file states are taken for true."""
-    found = []
-    for group, one in product(joints, seen):
-        if set(group.columns) & set(one.place.columns):
+    candidates = []
+    for group, pose in product(joints, seen):
+        if set(group.columns) & set(pose.place.columns):
             continue
         angles = _units(group.unit if stated else "", _ANGLES)
-        for angle, length in product(angles, _units(one.place.unit if stated else "", _LENGTHS)):
-            beside = None
+        for angle, length in product(angles, _units(pose.place.unit if stated else "", _LENGTHS)):
+            beside_residual = None
             if residual:
                 (unit, *_) = _units(residual.unit if stated else "", (length,))
-                beside = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
-            columns = one.place.columns
+                beside_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
+            columns = pose.place.columns
             table_map = judge.map_of(
-                Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside
+                Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside_residual
             )
             words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
-            found.append((judge.reading(table_map, words), one))
-    return _judged(judge, found)
+            candidates.append((judge.reading(table_map, words), pose))
+    return _judged(judge, candidates)
 
 
-def _judged(judge: _Judge, found: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
+def _judged(judge: _Judge, candidates: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
     """The readings in order, the best few fitted to the end."""
-    found.sort(key=lambda one: one[0].share)
-    best = [(judge.reading(reading.value, reading.words, _STEPS), one) for reading, one in found[:_SHOWN]]
-    return sorted(best, key=lambda one: one[0].share) + found[_SHOWN:]
+    candidates.sort(key=lambda candidate: candidate[0].share)
+    best = [(judge.reading(reading.value, reading.words, _STEPS), pose) for reading, pose in candidates[:_SHOWN]]
+    return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
 
 
 def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
     """Readings of an instrument on the tool that sees what stands in the cell: of a camera, hand-eye pairs."""
-    found = []
-    for group, one in product(joints, seen):
-        for angle, length in product(_units(group.unit, _ANGLES), _units(one.place.unit, ("mm", "m"))):
-            for turn in _turns(one):
-                columns = one.place.columns
+    candidates = []
+    for group, pose in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
+            for turn in _turns(pose):
+                columns = pose.place.columns
                 table_map = judge.map_of(
                     Angles(columns=group.columns, unit=angle),
                     Lengths(columns=columns, unit=length),
@@ -373,49 +382,49 @@ def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> 
                 )
                 words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
                 words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
-                found.append((judge.reading(table_map, words), one))
-    return _judged(judge, found)
+                candidates.append((judge.reading(table_map, words), pose))
+    return _judged(judge, candidates)
 
 
 def _otherwise(
-    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], found: list[tuple[Reading, Seen]]
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], candidates: list[tuple[Reading, Seen]]
 ) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
     """The readings with columns in another order or direction, or of a left-handed frame, before the others, and the
     reading that such a one overrules, None where none fits. Raises FileError for what only a rig file can state."""
     ways = []
-    for group, one in product(joints, seen):
-        for angle, length in product(_units(group.unit, _ANGLES), _units(one.place.unit, ("mm", "m"))):
+    for group, pose in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
             base = judge.map_of(
-                Angles(columns=group.columns, unit=angle), Lengths(columns=one.place.columns, unit=length)
+                Angles(columns=group.columns, unit=angle), Lengths(columns=pose.place.columns, unit=length)
             )
-            named = f"joints {_short(group.columns)} in {angle}, place {_short(one.place.columns)} in {length}"
-            ways += [(way, base, named, one) for way in meant(judge.raw, judge.bare, base)]
-    ways.sort(key=lambda one: one[0].share)
-    read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), one)
-            for way, _, named, one in ways]  # fmt: skip
+            named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
+            ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
+    ways.sort(key=lambda pose_of_pose: pose_of_pose[0].share)
+    read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
+            for way, _, named, pose in ways]  # fmt: skip
     if not read or not read[0][0].fits:
-        return None, found
-    best, base, named, one = ways[0]
+        return None, candidates
+    best, base, named, pose = ways[0]
     if best.remedy:
         what = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
         raise FileError(judge.raw.where, what, best.remedy)
-    return (judge.reading(base, named, _STEPS), one), [*read, *found]
+    return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
 
 
-def _units(stated: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
+def _units(stated: str, units: tuple[Any, ...]) -> tuple[Any, ...]:
     """The unit that the file states, where there is such a one, or all that are known."""
-    return (stated,) if stated in (*_ANGLES, *TO_MM) else known
+    return (stated,) if stated in (*_ANGLES, *TO_MM) else units
 
 
 def _turns(seen: Seen) -> list[Turn]:
-    found = []
+    turns = []
     for reading in seen.turns:
         if reading.form in ("quaternion", "matrix"):
-            found.append(Turn(columns=reading.columns, form=reading.form))
+            turns.append(Turn(columns=reading.columns, form=reading.form))
         else:
             for unit in _units(seen.turn_unit, ("deg", "rad")):
-                found.append(Turn(columns=reading.columns, form=reading.form, unit=unit))
-    return found
+                turns.append(Turn(columns=reading.columns, form=reading.form, unit=unit))
+    return turns
 
 
 def _turn_words(turn: Turn) -> str:
@@ -425,28 +434,40 @@ def _turn_words(turn: Turn) -> str:
 
 def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     """The map with the turn that fits; where none does, or more than one, that is a question."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
     base = poses_of(judge.raw, table_map)
     T = forward(judge.bare, base.q)
     setup = fit_setup(T, base.xyz_mm)
     R_base = setup.T_world_base[:3, :3]
-    found = []
+    readings = []
     for turn in _turns(seen):
         try:
             poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
         except TableFileError:
             continue
-        found.append(Reading(turn, _left_deg(T, R_base, poses), "°", f"turn as {_turn_words(turn)}"))
-    found.sort(key=lambda one: one.left)
-    found = _distinct(judge, table_map, found)
-    if not found:
+        assert poses.turn is not None  # noqa: S101 - of readings with a turn
+        # What the nearest turns leave, with the tool's turn on the flange fitted to them.
+        arm = Rotation.from_matrix(T[:, :3, :3])
+        tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
+        kept, off = np.arange(len(T)), np.zeros(len(T))
+        for _ in range(3):
+            off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
+            kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
+        readings.append(
+            Reading(turn, float(np.degrees(np.sqrt(np.mean(off[kept] ** 2)))), "°", f"turn as {_turn_words(turn)}")
+        )
+    readings.sort(key=lambda reading: reading.left)
+    readings = _distinct(judge, table_map, readings)
+    if not readings:
         return table_map
-    best, *others = found
+    best, *others = readings
     judge.checked.append(best.line(others[0] if others else None))
     none = Reading(None, np.nan, "°", "no turn: places alone are imported")
-    rivals = [one for one in others if one.left < CLEARLY * max(best.left, _FLOOR_DEG)]
+    rivals = [reading for reading in others if reading.left < CLEARLY * max(best.left, _FLOOR_DEG)]
     if best.left > _RIGHT_DEG:
         asks = f"no reading of the turn fits the arm within {_RIGHT_DEG:g}°; leave it out, or take which?"
-        judge.questions.append(Question("turn", asks, (none, *found[:_SHOWN])))
+        judge.questions.append(Question("turn", asks, (none, *readings[:_SHOWN])))
         return table_map
     if rivals:
         asks = "more than one reading of the turn fits the arm; which is it?"
@@ -454,38 +475,14 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     return table_map.model_copy(update={"turn": best.value})
 
 
-def _distinct(judge: _Judge, table_map: TableMap, found: Sequence[Reading]) -> list[Reading]:
+def _distinct(judge: _Judge, table_map: TableMap, readings: Sequence[Reading]) -> list[Reading]:
     """Readings without those that turn every row as a better one does."""
     kept: list[tuple[Reading, Any]] = []
-    for reading in found:
+    for reading in readings:
         turn = poses_of(judge.raw, table_map.model_copy(update={"turn": reading.value})).turn
-        if turn is not None and all((turn * one.inv()).magnitude().max() > 1e-6 for _, one in kept):
+        if turn is not None and all((turn * earlier.inv()).magnitude().max() > 1e-6 for _, earlier in kept):
             kept.append((reading, turn))
     return [reading for reading, _ in kept]
-
-
-def _left_deg(T: Array, R_base: Array, poses: MappedPoses) -> float:
-    """What the nearest turns leave, rms in degrees, with the tool's turn on the flange fitted to them."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    assert poses.turn is not None  # noqa: S101 - of readings with a turn
-    arm = Rotation.from_matrix(T[:, :3, :3])
-    tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
-    kept, off = np.arange(len(T)), np.zeros(len(T))
-    for _ in range(3):
-        off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
-        kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
-    return float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
-
-
-def _ask_sign(judge: _Judge, residual: Residual) -> None:
-    """Both signs of a residual fit an arm equally: its errors would only be mirrored."""
-    meanings = ("target - measured", "measured - target")
-    values = [residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
-    words = [f"{_short(residual.columns)} is {meaning}" for meaning in meanings]
-    readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
-    asks = "the file does not say what its residual is, and both fit the arm"
-    judge.questions.append(Question("residual", asks, readings))
 
 
 def _short(columns: Sequence[str]) -> str:

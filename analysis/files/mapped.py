@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from analysis.files.cells import value
+from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, joint_columns
 from analysis.traces.tables import PoseTable
@@ -55,7 +54,8 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
         xyz = xyz + sign * raw.numbers(residual.columns, problems) * TO_MM[residual.unit]
     turn = turn_of(raw, table_map.turn, problems) if table_map.turn else None
     if table_map.place.mirror:
-        xyz, turn = _mirrored(table_map.place.mirror, xyz, turn)
+        mirror = np.diag([-1.0 if letter == table_map.place.mirror else 1.0 for letter in "xyz"])
+        xyz, turn = xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
     if problems.count:
         raise TableFileError(raw.where, problems.first, count=problems.count)
     if table_map.sees == "from the tool":
@@ -109,12 +109,6 @@ def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
     return values * np.where(backwards, -1.0, 1.0)
 
 
-def _mirrored(axis: str, xyz: Array, turn: Rotation | None) -> tuple[Array, Rotation | None]:
-    """Places (n, 3) and turns of a left-handed frame in the right-handed one with that axis turned round."""
-    mirror = np.diag([-1.0 if letter == axis else 1.0 for letter in "xyz"])
-    return xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
-
-
 def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
@@ -148,15 +142,15 @@ def _columns(template: str, values: Array) -> Columns:
 
 
 def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
-    layout, given = LAYOUTS[test], table_map.columns
+    layout, stated = LAYOUTS[test], table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
-    missing = [name for name in layout.required if name not in given and name not in joints]
+    missing = [name for name in layout.required if name not in stated and name not in joints]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
         what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
-    if unknown := [name for name in given if name not in layout.known]:
+    if unknown := [name for name in stated if name not in layout.known]:
         raise UseError(
             "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
         )
@@ -166,8 +160,8 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
     for name in layout.known:
         if name in joints:
             named[name] = pa.array(angles[:, joints.index(name)])
-        elif name in given:
-            named[name] = _one(raw, name, given[name].column, given[name].unit, problems)
+        elif name in stated:
+            named[name] = _one(raw, name, stated[name].column, stated[name].unit, problems)
         elif name == "direction" and direction:
             named[name] = pa.repeat(direction, len(raw.lines))
     if problems.count:
@@ -178,17 +172,17 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
 def _one(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
     """A column by our name: a number in its unit, a count, or a word."""
     if name not in WORDS and name not in COUNTS:
-        own = name.rpartition("_")[2]
-        if unit and unit not in TO_UNIT[own]:
-            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[own])}")
-        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[own][unit] if unit else 1.0))
+        our_unit = name.rpartition("_")[2]
+        if unit and unit not in TO_UNIT[our_unit]:
+            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[our_unit])}")
+        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
     if column not in raw.names:
         raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")
-    found: list[object] = []
+    values: list[object] = []
     for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
         try:
-            found.append(value(name, text))
+            values.append(value(name, text))
         except ValueError as error:
             problems.add([TableProblem(line, column, str(error))])
-            found.append(None)
-    return pa.array(found, pa.string() if name in WORDS else pa.int64())
+            values.append(None)
+    return pa.array(values, pa.string() if name in WORDS else pa.int64())

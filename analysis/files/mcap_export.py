@@ -85,7 +85,7 @@ def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Itera
         return []
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "robot.urdf", "application/xml", urdf.encode())
-    joints, described = (_json_channel(writer, *one) for one in _ARM_CHANNELS)
+    joints, described = (_json_channel(writer, *channel) for channel in _ARM_CHANNELS)
     times = _log_times(name, tables[name], run)
     first_ns = int(times.min(initial=_END_NS - 1)) if len(times) else began
     return [iter([_Message(first_ns, described, 0, {"data": urdf})]), _angles(tables[name], times, joints, rig)]
@@ -140,8 +140,8 @@ def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_M
         rows = zip(*(column.to_pylist() for column in batch.columns), strict=True)
         for at_ns, number, row in zip(log_ns[numbers].tolist(), numbers.tolist(), rows, strict=True):
             values = zip(table.column_names, row, strict=True)
-            there = {key: value for key, value in values if not isinstance(value, float) or math.isfinite(value)}
-            yield _Message(at_ns, channel, number, there)
+            finite = {key: value for key, value in values if not isinstance(value, float) or math.isfinite(value)}
+            yield _Message(at_ns, channel, number, finite)
 
 
 def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:

@@ -14,10 +14,10 @@ import numpy as np
 
 from analysis.conventions.joint_meanings import Meaning, meanings
 from analysis.conventions.joints import left_mm
+from analysis.files.cells import TableFileError
 from analysis.files.mapped import poses_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TableMap
-from analysis.files.table_problems import TableFileError
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.traces.tables import PoseTable
 
@@ -54,15 +54,15 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
     if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
         return []
 
-    def judged(one: tuple[TableMap, Meaning | None, str, str], steps: int) -> Meant:
-        table_map, meaning, words, remedy = one
+    def judged(way: tuple[TableMap, Meaning | None, str, str], steps: int) -> Meant:
+        table_map, meaning, words, remedy = way
         seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
-        left = left_mm(PoseTable(q, seen, None), bare, meaning.of(q) if meaning else q, steps, with_turns=False)
-        return Meant(table_map, left, left / apart, words, remedy)
+        rms_mm = left_mm(PoseTable(q, seen, None), bare, meaning.of(q) if meaning else q, steps, with_turns=False)
+        return Meant(table_map, rms_mm, rms_mm / apart, words, remedy)
 
     ways = list(_ways(base, bare.axes))
-    order = np.argsort([judged(one, _STEPS).left_mm for one in ways])[:_BEST]
-    return sorted((judged(ways[k], _ALL_STEPS) for k in order.tolist()), key=lambda one: one.left_mm)
+    order = np.argsort([judged(way, _STEPS).left_mm for way in ways])[:_BEST]
+    return sorted((judged(ways[k], _ALL_STEPS) for k in order.tolist()), key=lambda otherwise: otherwise.left_mm)
 
 
 def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
@@ -73,15 +73,15 @@ def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None,
     mirrored = base.place.model_copy(update={"mirror": _MIRROR})
     yield base.model_copy(update={"place": mirrored}), None, f"{_MIRROR} mirrored: the frame is left-handed", ""
     columns = np.array(base.joints.columns, dtype=object)
-    for one in meanings(axes):
-        is_order = not one.offset.any() and bool((np.abs(one.matrix).sum(axis=1) == 1).all())
+    for meaning in meanings(axes):
+        is_order = not meaning.offset.any() and bool((np.abs(meaning.matrix).sum(axis=1) == 1).all())
         if not is_order:
-            yield base, one, one.words, one.remedy
+            yield base, meaning, meaning.words, meaning.remedy
             continue
-        backwards = tuple((np.flatnonzero(one.matrix.sum(axis=1) < 0) + 1).tolist())
-        order = tuple(columns[np.abs(one.matrix).argmax(axis=1)].tolist())
+        backwards = tuple((np.flatnonzero(meaning.matrix.sum(axis=1) < 0) + 1).tolist())
+        order = tuple(columns[np.abs(meaning.matrix).argmax(axis=1)].tolist())
         joints = base.joints.model_copy(update={"columns": order, "reversed": backwards})
-        yield base.model_copy(update={"joints": joints}), one, one.words, ""
+        yield base.model_copy(update={"joints": joints}), meaning, meaning.words, ""
 
 
 def _spread(places: Array) -> float:

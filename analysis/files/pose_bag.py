@@ -20,15 +20,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.files.bags import bag_of, messages_of
-from analysis.files.mcap_messages import Found
+from analysis.files.bags import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, Found, bag_of, joint_state, messages_of
 from analysis.files.ros_bag import newest
-from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, joint_state
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.stands import Stand, stands_of
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 
 _JOINT = re.compile(r"[\w./-]{1,100}")
 _FEWEST = 3
@@ -94,17 +92,23 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     rows, lost = [], Counter[str]()
     for stand in stands:
         at = joint_ns[stand.settled]
-        own = slice(*np.searchsorted(pose_ns, [at[0], at[-1] + 1]))
-        why = _unusable(t_s[stand.begin : stand.end], pose_ns[own], seen[own], topic)
+        of_stand = slice(*np.searchsorted(pose_ns, [at[0], at[-1] + 1]))
+        why = _unusable(t_s[stand.begin : stand.end], pose_ns[of_stand], seen[of_stand], topic)
         if why:
             lost[why] += 1
         else:
-            rows.append(_row(stand, t_s, q, seen[own]))
+            rows.append(_row(stand, t_s, q, seen[of_stand]))
     more += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
     if not rows:
-        told = "; ".join(more) or "the robot stood nowhere for 0.3 s"
-        raise FileError(where, f"has no stand of the robot with a place ({told})", "let the robot wait at each pose")
-    return StandTable(_csv(names, rows, seen.shape[1] == 7), topic, (*doubts, *more))
+        reasons = "; ".join(more) or "the robot stood nowhere for 0.3 s"
+        raise FileError(where, f"has no stand of the robot with a place ({reasons})", "let the robot wait at each pose")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    turn = ["qx", "qy", "qz", "qw"] if (seen.shape[1] == 7) else []
+    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
+    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
+    writer.writerows(rows)
+    return StandTable(text.getvalue().encode(), topic, (*doubts, *more))
 
 
 def _of_use(messages: Iterable[Found]) -> list[Found]:
@@ -112,45 +116,45 @@ def _of_use(messages: Iterable[Found]) -> list[Found]:
     is bounded by the size of a bag."""
     seen = set[str]()
     kept = []
-    for one in messages:
-        if one.kind == JOINT_STATE or one.kind in PLACED:
-            kept.append(one)
-        elif one.topic not in seen:
-            kept.append(one._replace(data=b""))
-        seen.add(one.topic)
+    for message in messages:
+        if message.kind == JOINT_STATE or message.kind in PLACED:
+            kept.append(message)
+        elif message.topic not in seen:
+            kept.append(message._replace(data=b""))
+        seen.add(message.topic)
     return kept
 
 
 def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _Track, dict[str, _Track]]:
     """Names of joints, their track, and the tracks of all that is placed, by topic."""
     ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
-    wanted = "/" + (ros.topic if ros else "joint_states").lstrip("/")
-    there = {one.topic for one in messages if one.kind == JOINT_STATE}
-    if wanted not in there and not ros and len(there) == 1:
-        (wanted,) = there
-    if wanted not in there:
-        has = ", ".join(sorted({f"{one.topic} ({one.kind})" for one in messages}))[:300] or "no messages"
-        if len(there) > 1 and not ros:
-            what = f"holds the joints of {len(there)} arms, on {', '.join(sorted(there))[:300]}"
+    topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
+    joint_topics = {message.topic for message in messages if message.kind == JOINT_STATE}
+    if topic not in joint_topics and not ros and len(joint_topics) == 1:
+        (topic,) = joint_topics
+    if topic not in joint_topics:
+        has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
+        if len(joint_topics) > 1 and not ros:
+            what = f"holds the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
             remedy = "name the topic of the one that was measured in the rig file: feedback: {interface: "
             raise FileError(where, what, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
-        raise FileError(where, f"has no {JOINT_STATE} on {wanted}; it has {has}", "name the topic in the rig file")
-    own = [one for one in messages if one.topic == wanted and one.kind == JOINT_STATE]
-    names = list(ros.joints) if ros else _names(own, len(rig.robot.axes), where)
+        raise FileError(where, f"has no {JOINT_STATE} on {topic}; it has {has}", "name the topic in the rig file")
+    states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
+    names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
         raise FileError(
             where, f"names a joint {odd[0][:40]!r}, which is no name", "name the six joints in the rig file"
         )
     joints, placed = _Track(), dict[str, _Track]()
-    for one in own:
-        stamp_ns, angles = _joints(one.data)
+    for messagete in states:
+        stamp_ns, angles = _joints(messagete.data)
         values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
-        joints.add(one.log_ns, stamp_ns, values)
-    for one in messages:
-        if one.kind in PLACED:
-            _place(one, placed)
+        joints.add(messagete.log_ns, stamp_ns, values)
+    for messagete in messages:
+        if messagete.kind in PLACED:
+            _place(messagete, placed)
     if len(joints.log_ns) < 2:
-        what = f"holds fewer than two messages of {wanted} with the joints {', '.join(names)}"
+        what = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(where, what, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
     return names, joints, placed
 
@@ -175,15 +179,15 @@ def _is_nameless(data: bytes) -> bool:
 def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
     messages name no joints, and where they are of several arms."""
-    found = [names for one in messages if axes <= len(names := list(_joints(one.data)[1])) <= _MOST_JOINTS]
-    if found:
-        others = next((names for names in found if not set(names) & set(found[0])), None)
+    name_lists = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
+    if name_lists:
+        others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
         if others:
-            arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (found[0], others))
+            arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
             what = f"holds the joints of two arms on one topic ({arms[:300]})"
             raise FileError(where, what, "name those of the arm that was measured in the rig file: feedback.joints")
-        return found[0]
-    if any(_is_nameless(one.data) for one in messages):
+        return name_lists[0]
+    if any(_is_nameless(message.data) for message in messages):
         what = "holds messages of joints that name none of them: nothing says which angle is whose"
         raise FileError(where, what, "publish JointState with names, or give joints and places as a table")
     raise FileError(
@@ -194,30 +198,30 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
 def _place(message: Found, placed: dict[str, _Track]) -> None:
     name = message.topic
     try:
-        for one in PLACED[message.kind](message.data):
-            name = f"{message.topic}:{one.child}" if message.kind == TF else message.topic
+        for placed_thing in PLACED[message.kind](message.data):
+            name = f"{message.topic}:{placed_thing.child}" if message.kind == TF else message.topic
             if len(name) <= _LONGEST_NAME:
                 track = placed.setdefault(name, _Track(placed=True))
-                track.add(message.log_ns, one.stamp_ns, (*one.place_m, *one.turn))
+                track.add(message.log_ns, placed_thing.stamp_ns, (*placed_thing.place_m, *placed_thing.turn))
     except (struct.error, IndexError):
         placed.setdefault(name, _Track(placed=True)).lacking += 1
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
     """The topic of the instrument: the one given, the only one, or the only one that is no transform of a tree."""
-    found = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
-    has = ", ".join(sorted(found))[:300]
-    if not found:
+    tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
+    has = ", ".join(sorted(tracks))[:300]
+    if not tracks:
         kinds = ", ".join(kind.rpartition("/")[2] for kind in PLACED)
         raise FileError(where, f"has no topic that places something ({kinds})", "record that of the instrument as well")
     if topic:
-        if topic not in found:
+        if topic not in tracks:
             raise FileError(where, f"places nothing on {topic!r}", f"give --topic one of {has}")
-        return topic, found[topic]
-    alone = {name: track for name, track in found.items() if ":" not in name} or found
-    if len(alone) > 1:
-        raise FileError(where, f"places {len(found)} things ({has})", "give the instrument's with --topic")
-    return next(iter(alone.items()))
+        return topic, tracks[topic]
+    no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
+    if len(no_transforms) > 1:
+        raise FileError(where, f"places {len(tracks)} things ({has})", "give the instrument's with --topic")
+    return next(iter(no_transforms.items()))
 
 
 def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
@@ -236,12 +240,12 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
         what = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
         doubts.append(f"{what}; times are those at which the bag received them")
         by = log
-    found = []
+    timed = []
     for name, track in tracks.items():
         order = np.argsort(log[name], kind="stable")
         log_ns, ns, values = log[name][order], by[name][order], np.array(track.values)[order]
         fresh = newest(log_ns, ns)
-        found.append((ns[fresh], values[fresh]))
+        timed.append((ns[fresh], values[fresh]))
         total = len(ns) + track.lacking
         if track.lacking:
             doubts.append(
@@ -249,7 +253,7 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
             )
         if stale := int((~fresh).sum()):
             doubts.append(f"{name}: left out {stale} of {total} messages, no later than one before")
-    return found[0], found[1], doubts
+    return timed[0], timed[1], doubts
 
 
 def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
@@ -274,13 +278,3 @@ def _row(stand: Stand, t_s: Array, q: Array, seen: Array) -> list[float]:
     place, scatter = seen[:, :3].mean(axis=0), 1e3 * seen[:, :3].std(axis=0, ddof=1)
     q_scatter = np.degrees(q[stand.settled].std(axis=0).max())
     return [stand.t_s, *stand.q.tolist(), *place.tolist(), *turn, *scatter.tolist(), float(q_scatter), len(seen)]
-
-
-def _csv(names: Sequence[str], rows: Sequence[Sequence[float]], turned: bool) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    turn = ["qx", "qy", "qz", "qw"] if turned else []
-    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
-    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
-    writer.writerows(rows)
-    return text.getvalue().encode()

@@ -20,10 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from analysis.files.cells import value
+from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.other_formats import refuse_other_formats
 from analysis.files.table_map import SEPARATORS, Layout, Separator
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.table_rules import LARGEST
 from daq.store.schema import array_of
@@ -63,10 +62,10 @@ class RawTable:
 
     def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
         """Columns (n, k) as numbers. Bad cells are nan and go to `problems`, or are raised as TableFileError."""
-        found = Problems() if problems is None else problems
-        columns = np.column_stack([self._column(name, found) for name in names])
-        if problems is None and found.count:
-            raise TableFileError(self.where, found.first, count=found.count)
+        bad_cells = Problems() if problems is None else problems
+        columns = np.column_stack([self._column(name, bad_cells) for name in names])
+        if problems is None and bad_cells.count:
+            raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
         return np.asarray(columns, dtype=float)
 
     @cached_property
@@ -79,10 +78,10 @@ class RawTable:
         sound = np.ones(len(self.lines), dtype=bool)
         for name in self.numeric:
             sound &= array_of(self._is_number(name)).astype(bool)
-        there = np.flatnonzero(sound)
-        if not len(there):
+        sound_rows = np.flatnonzero(sound)
+        if not len(sound_rows):
             raise FileError(self.where, "has no row without a bad cell", "correct the file")
-        chosen = there[np.unique(np.linspace(0, len(there) - 1, min(rows, len(there))).astype(int))]
+        chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
         return RawTable(
             self.where, self.names, self.units, self.cells.take(chosen), self.lines[chosen], self.decimal_comma
         )
@@ -96,7 +95,7 @@ class RawTable:
 
     def _column(self, name: str, problems: Problems) -> Array:
         if name not in self.names:
-            near = ", ".join(repr(one) for one in self.names[:30])
+            near = ", ".join(repr(column) for column in self.names[:30])
             raise FileError(self.where, f"has no column {name!r}", f"name one that it has in the map: {near}")
         good = array_of(self._is_number(name)).astype(bool)
         plain = pc.utf8_trim_whitespace(self._plain(name))
@@ -132,7 +131,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
         ) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(one.file_size for one in archive.infolist()) > _MOST_UNPACKED:
+            if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
                 raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
         rows = _rows_within(book.worksheets, where)
@@ -208,28 +207,33 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
     best: tuple[tuple[float, float, int], Separator, bool, int] | None = None
     for name, mark in SEPARATORS.items():
         split = [_fields(lines[k], mark) for k in sampled]
-        count = Counter(len(one) for one in split if len(one) >= _FEWEST).most_common(1)
+        count = Counter(len(cells) for cells in split if len(cells) >= _FEWEST).most_common(1)
         if not count:
             continue
         fields = count[0][0]
-        same = [one for one in split if len(one) == fields]
+        full_rows = [cells for cells in split if len(cells) == fields]
         for comma in (False, True) if mark != "," else (False,):
-            share = float(np.mean([np.mean([_is_number(cell, comma) for cell in one]) for one in same]))
-            score = (round(len(same) / len(split) * share, 3), share, fields)
+            share = float(np.mean([np.mean([_is_number(cell, comma) for cell in cells]) for cells in full_rows]))
+            score = (round(len(full_rows) / len(split) * share, 3), share, fields)
             if best is None or score > best[0]:
                 best = score, name, comma, fields
     if best is None or (best[1] == "bar" and best[0][1] == 0) or best[0][1] == 0:
         raise FileError(where, "has no rows of numbers", "give a table: a row of numbers for each pose")
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
-    whole = [one for k in sampled if len(one := _fields(lines[k], mark)) == fields]
+    whole = [cells for k in sampled if len(cells := _fields(lines[k], mark)) == fields]
     tail = whole[len(whole) // 2 :]
-    held = np.mean([[_is_number(cell, comma) for cell in one] for one in tail], axis=0) > 0.5
-    data = (k for k in rows if len(one := _fields(lines[k], mark)) == fields and _all_held(one, held, comma))
+    numeric = np.mean([[_is_number(cell, comma) for cell in cells] for cells in tail], axis=0) > 0.5
+    data = (
+        k
+        for k in rows
+        if len(cells := _fields(lines[k], mark)) == fields
+        and all(_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number)
+    )
     first = next(data, None)
     if first is None:
         raise FileError(where, "has no row whose columns of numbers are all numbers", "give a table of measurements")
-    header, units = _header(lines, first, rows, comment, mark, fields, held)
+    header, units = _header(lines, first, rows, comment, mark, fields, numeric)
     return Layout(
         encoding=encoding,
         separator=separator,
@@ -241,20 +245,16 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
     )
 
 
-def _all_held(cells: list[str], held: Array, comma: bool) -> bool:
-    return all(_is_number(cell, comma) for cell, number in zip(cells, held, strict=True) if number)
-
-
 def _header(
-    lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, held: Array
+    lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, numeric: Array
 ) -> tuple[int, int]:
     """The lines of header and units before the first row of data, from 1; 0 for none. A comment may be the header."""
     above = [k for k in rows if k < first][-2:]
-    found = [k for k in above if len(_fields(lines[k], mark)) == fields]
-    if found and all(_UNIT.fullmatch(cell.strip()) for cell in _fields(lines[found[-1]], mark)):
-        return (found[-2] + 1 if len(found) > 1 else 0), found[-1] + 1
-    if found and found[-1] == above[-1]:
-        return found[-1] + 1, 0
+    full = [k for k in above if len(_fields(lines[k], mark)) == fields]
+    if full and all(_UNIT.fullmatch(cell.strip()) for cell in _fields(lines[full[-1]], mark)):
+        return (full[-2] + 1 if len(full) > 1 else 0), full[-1] + 1
+    if full and full[-1] == above[-1]:
+        return full[-1] + 1, 0
     noted = [k for k in range(first) if comment and lines[k].lstrip().startswith(comment)]
     for k in noted[::-1][:1]:
         cells = _fields(lines[k].lstrip()[len(comment) :], mark)
@@ -321,8 +321,8 @@ def _names(lines: Sequence[str], layout: Layout, body: str, mark: str) -> tuple[
         line = lines[number - 1] if 0 < number <= len(lines) else ""
         if layout.comment and line.lstrip().startswith(layout.comment):
             line = line.lstrip()[len(layout.comment) :]
-        found = line.split() if layout.separator == "blanks" else _fields(line, mark)
-        return found if len(found) == count else [""] * count
+        fields = line.split() if layout.separator == "blanks" else _fields(line, mark)
+        return fields if len(fields) == count else [""] * count
 
     seen: Counter[str] = Counter()
     names = []
@@ -349,7 +349,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
                 raise FileError(table.where, what, "join them by a column that both have: --join COLUMN")
             places.append(np.arange(len(lines)))
             continue
-        index = [_index(one, join) for one in (first, table)]
+        index = [_index(side, join) for side in (first, table)]
         at = np.array([index[1].get(key, -1) for key in index[0]], dtype=np.int64)
         keep = keep[np.isin(keep, np.flatnonzero(at >= 0))]
         left_out += int((at < 0).sum()) + len(index[1].keys() - index[0].keys())
@@ -366,17 +366,16 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             others[0].where, f"shares no value of {join!r} with {first.where}", "check the column of the join"
         )
     if len({table.decimal_comma for table in tables}) > 1:
-        columns = _with_points(tables, columns)
+        # Columns of files of which some have decimal commas, all with points.
+        commas = {name for table in tables if table.decimal_comma for name in table.names}
+        columns = {
+            name: pc.replace_substring(column, ",", ".") if name in commas else column
+            for name, column in columns.items()
+        }
     cells = pa.table(columns)
     comma = all(table.decimal_comma for table in tables)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], comma), left_out
-
-
-def _with_points(tables: Sequence[RawTable], columns: dict[str, pa.ChunkedArray]) -> dict[str, pa.ChunkedArray]:
-    """Columns of files of which some have decimal commas, all with points."""
-    commas = {name for table in tables if table.decimal_comma for name in table.names}
-    return {name: pc.replace_substring(one, ",", ".") if name in commas else one for name, one in columns.items()}
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:

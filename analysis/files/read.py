@@ -16,15 +16,14 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.files.bags import MCAP_MAGIC as MAGIC
 from analysis.files.bags import is_bag
-from analysis.files.columns import Columns, Row, column_type, columns_of
-from analysis.files.formulas import as_it_was
+from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of
 from analysis.files.header import check_header
-from analysis.files.mcap_messages import MAGIC
 from analysis.files.other_formats import refuse_comments, refuse_other_formats
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
-from analysis.files.table_problems import Problems, TableFileError, TableProblem
+from analysis.files.write import as_it_was
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource, layout_of
 from daq.store.schema import table_schema
 from rigs.errors import FileError
@@ -111,8 +110,8 @@ def _commanded(names: list[str], where: str) -> list[str]:
         what = f"has no {', '.join(missing)}, which --joints commanded reads"
         raise FileError(where, what, "rename the columns of the commanded joints, or leave --joints out")
     measured = tuple(name.replace("_deg", "_measured_deg") for name in JOINTS)
-    other = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
-    return [other.get(name, name) for name in names]
+    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    return [renamed.get(name, name) for name in names]
 
 
 def read_whole(path: Path) -> bytes:
@@ -172,16 +171,16 @@ def _rows(data: bytes, where: str) -> Iterator[Row]:
 def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
     """Rows with a field for each name; the others are problems. Raises FileError for more rows than a table has."""
     most_rows = _MOST_CELLS // len(names)
-    found = 0
+    count = 0
     for line, fields in rows:
         if len(fields) != len(names):
             what = f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}"
             problems.add([TableProblem(line, "", what)])
             continue
-        if found > most_rows:
+        if count > most_rows:
             what = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
             raise FileError(where, what, "import it in several runs")
-        found += 1
+        count += 1
         yield line, fields
 
 

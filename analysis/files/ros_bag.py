@@ -19,14 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.files.bags import Bag, bag_of, messages_of
-from analysis.files.ros_messages import JOINT_STATE, NO_STAMP, NUMBER, joint_state, number
+from analysis.files.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
 from analysis.kinematics.arm import Integers, Mask
 from analysis.traces.align import Aligned, align_streams
 from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 from rigs.schema.vocabulary import TestName
 
 _MOST_MESSAGES = 5_000_000
@@ -70,19 +69,19 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> t
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
     doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
-    begin_ns = min(min(one.ns) for one in tracks.values())  # since 1970, a float has steps of 256 ns
+    begin_ns = min(min(track.ns) for track in tracks.values())  # since 1970, a float has steps of 256 ns
     streams: dict[str, Columns] = {}
-    for topic, one in tracks.items():
-        streams[topic], more = _stream(topic, one, begin_ns)
+    for topic, track in tracks.items():
+        streams[topic], more = _stream(topic, track, begin_ns)
         doubts += more
-    found = align_streams(Path(where), streams, test, _behind_topics(rig))
+    aligned = align_streams(Path(where), streams, test, _behind_topics(rig))
     # A message can only be late. So what all are late by is no better known than how unevenly they are.
-    u_lag_s = float(np.hypot(found.u_lag_s, np.sqrt(np.mean(found.u_t_s**2))))
+    u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [
-        *found.doubts,
+        *aligned.doubts,
         "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
     ]
-    return _csv(found, u_lag_s), tuple(doubts)
+    return _csv(aligned, u_lag_s), tuple(doubts)
 
 
 def _behind_topics(rig: Rig) -> Rig:
@@ -94,7 +93,7 @@ def _behind_topics(rig: Rig) -> Rig:
 def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
     """The columns of an instrument's stream from the messages of a topic, in order of time, and doubts in words."""
     order = np.argsort(np.array(track.ns), kind="stable")
-    ns, sent_ns = (np.array(one, dtype=np.int64)[order] for one in (track.ns, track.sent_ns))
+    ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.ns, track.sent_ns))
     values = np.array(track.values)[order]
     has_clock = bool((sent_ns != NO_STAMP).all() and np.ptp(sent_ns) > 0)
     fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
@@ -139,11 +138,11 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
-    tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda one: _angles_deg(one, names))}
+    tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
     tracks |= {f"/{name}": _Track(NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
-    found: dict[str, str] = {}
+    kinds: dict[str, str] = {}
     for message in messages_of(bag):
-        found[message.topic] = message.kind
+        kinds[message.topic] = message.kind
         track = tracks.get(message.topic)
         if track and message.kind == track.schema:
             track.add(message.log_ns, message.sent_ns, message.data)
@@ -152,7 +151,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
                 raise FileError(where, what, "import it in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
-            has = ", ".join(f"{name} ({kind})" for name, kind in sorted(found.items()))[:300] or "no messages"
+            has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
             raise FileError(
                 where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
@@ -160,10 +159,10 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     return tracks
 
 
-def _csv(found: Aligned, u_lag_s: float) -> bytes:
-    gauges = [f"g{number}_mm" for number in range(1, found.g_mm.shape[1] + 1)]
-    shared = np.full(len(found.t_s), u_lag_s)
-    rows = np.column_stack([found.t_s, np.degrees(found.q), found.g_mm, found.u_t_s, shared])
+def _csv(aligned: Aligned, u_lag_s: float) -> bytes:
+    gauges = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
+    shared = np.full(len(aligned.t_s), u_lag_s)
+    rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["t_s", *_JOINT_COLUMNS, *gauges, "u_t_s", "u_lag_s"])

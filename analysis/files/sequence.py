@@ -8,8 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from analysis.files.columns import Columns
-from analysis.files.table_problems import TableProblem
+from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
 from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns
@@ -31,20 +30,20 @@ def check_sequence(
 
     lines: the number of each row's line (n,).
     """
-    known = LAYOUTS[test].known
-    if "t_s" in known and "t_s" in columns:
+    columns_of_test = LAYOUTS[test].known
+    if "t_s" in columns_of_test and "t_s" in columns:
         yield from _time(columns["t_s"].to_numpy(), lines)
-    for name in (name for name in TIME_U if name in known and name in columns):
+    for name in (name for name in TIME_U if name in columns_of_test and name in columns):
         for k in np.flatnonzero(columns[name].to_numpy() < 0):
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
-    if "target" in known and rig.tests.hemisphere:
+    if "target" in columns_of_test and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
-    if "socket" in known:
+    if "socket" in columns_of_test:
         axes, seventh = len(rig.robot.axes), joint_columns(MOST_AXES)[-1]
         if axes < MOST_AXES and seventh in columns:
             yield TableProblem(1, seventh, f"the table has {MOST_AXES} joints, and the arm of the rig file {axes}")
         yield from _sockets(columns["socket"], lines, rig)
-    if "direction" in known:
+    if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
         for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
@@ -52,17 +51,17 @@ def check_sequence(
 
 
 def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
-    there = np.flatnonzero(np.isfinite(t_s))
-    for k in np.flatnonzero(np.diff(t_s[there]) <= 0):
-        what = f"time does not increase: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}"
-        yield TableProblem(int(lines[there[k + 1]]), "t_s", what)
+    timed = np.flatnonzero(np.isfinite(t_s))
+    for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
+        what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
+        yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
 
 
 def _sockets(sockets: pa.ChunkedArray, lines: np.ndarray, rig: Rig) -> Iterator[TableProblem]:
-    known = rig.tests.touch.sockets if rig.tests.touch else ()
+    declared = rig.tests.touch.sockets if rig.tests.touch else ()
     for line, name in zip(lines.tolist(), sockets.to_pylist(), strict=True):
-        if known and name not in known:
-            yield TableProblem(int(line), "socket", f"{name!r} is no socket of the rig file: {', '.join(known)}")
+        if declared and name not in declared:
+            yield TableProblem(int(line), "socket", f"{name!r} is no socket of the rig file: {', '.join(declared)}")
 
 
 def _targets(target: Array, lines: np.ndarray, count: int) -> Iterator[TableProblem]:
@@ -81,8 +80,8 @@ def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Directi
 
 
 def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: float) -> Iterator[TableProblem]:
-    there = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
-    step, gap_s = np.diff(q_deg[there]), np.diff(t_s[there])
+    finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
+    step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
     reachable = _SPEED_FACTOR * speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
     jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
     came = -2
@@ -92,7 +91,7 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: 
             came = -2
             continue
         came = k
-        yield TableProblem(int(lines[there[k + 1]]), name, _jump(step[k], gap_s[k]))
+        yield TableProblem(int(lines[finite[k + 1]]), name, _jump(step[k], gap_s[k]))
 
 
 def _jump(step: float, gap_s: float) -> str:

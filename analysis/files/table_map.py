@@ -89,9 +89,9 @@ class Turn(Part):
     def _whole(self) -> Turn:
         if re.search("xx|yy|zz", self.form):
             raise ValueError(f"{self.form} turns about one axis twice in a row; write xyz, zyx, zyz …")
-        wanted = TURN_COLUMNS.get(self.form, 3)
-        if len(self.columns) != wanted:
-            raise ValueError(f"a turn as {self.form} has {wanted} columns, not {len(self.columns)}")
+        count = TURN_COLUMNS.get(self.form, 3)
+        if len(self.columns) != count:
+            raise ValueError(f"a turn as {self.form} has {count} columns, not {len(self.columns)}")
         angles = self.form not in ("quaternion", "matrix")
         if angles and self.unit is None:
             raise ValueError(f"a turn as {self.form} needs a unit; add deg or rad")
@@ -149,7 +149,11 @@ def load_map(path: Path) -> TableMap:
 def parse_map(text: str, where: str) -> TableMap:
     """Read the text of a map; `where` names it in errors. Raises FileError."""
     root, data = read_yaml(text, where)
-    _refuse_open(text, where)
+    for number, line in enumerate(text.splitlines(), start=1):
+        key, _, value = line.partition(":")
+        if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
+            what = f"line {number}, {key.strip()}: this question is not answered"
+            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:
@@ -180,12 +184,12 @@ def _lines(key: str, value: object, open_keys: dict[str, list[str]]) -> list[str
     if not isinstance(value, dict):
         return [f"{key}: {_flow(value)}"]
     lines = [f"{key}:"]
-    for name, one in value.items():
+    for name, entry in value.items():
         place = f"{key}.{name}"
         if place in open_keys:
             lines += [f"  {line}" for line in _choices(place, open_keys[place])]
-            one = OPEN  # noqa: PLW2901 - the question takes the place of the answer
-        lines.append(f"  {_flow(name)}: {_flow(one)}")
+            entry = OPEN  # noqa: PLW2901 - the question takes the place of the answer
+        lines.append(f"  {_flow(name)}: {_flow(entry)}")
     return lines
 
 
@@ -196,11 +200,3 @@ def _choices(place: str, words: list[str]) -> list[str]:
 def _flow(value: object) -> str:
     text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
-
-
-def _refuse_open(text: str, where: str) -> None:
-    for number, line in enumerate(text.splitlines(), start=1):
-        key, _, value = line.partition(":")
-        if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
-            what = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from analysis.files.write import holding, write_all_new, write_all_over
 from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
 from rigs.errors import FileError, RigError
-from rigs.extend import extended
 from rigs.load import load
 
 _MOST = 10_000

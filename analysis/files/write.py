@@ -1,24 +1,91 @@
-"""Writing files that are not there yet: tables as CSV or Parquet, or whatever a writer puts into them."""
+"""Writing files that are not there yet: tables as CSV or Parquet, or whatever a writer puts into them.
+
+The one rule for files that are there already: docs/decisions/0034-existing-files.md.
+
+What records or decides something is never replaced. What only shows runs, pages, pictures and tables of figures, is
+made again under its name, where rig made what is there.
+
+Text in a CSV file that a spreadsheet would compute: a table from elsewhere may hold `=cmd|…` in a note.
+
+Such a cell gets an apostrophe as its first character, by which a spreadsheet knows text; what is read from a CSV file
+loses it again, so that a table that goes out and comes back is the same. Numbers are no text, and stay as they are.
+"""
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import secrets
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from analysis.files.existing import refuse_existing, refuse_foreign
-from analysis.files.formulas import no_formula
 from daq.store.staged import files_into, surely
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
+from rigs.files import read_from
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+_ENDS = 65536
+"""Bytes at either end of a file by which it is known: the schema of the widest table that is written has 3 kB."""
+_MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
+    ".html": (b"<!doctype html>", (b"content=\"default-src 'none'; base-uri 'none'; form-action 'none'",)),
+    ".pdf": (b"%PDF-", (b"WeasyPrint",)),
+    ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
+    ".parquet": (b"PAR1", (b"started_utc", b"standing")),
+}
+"""What a file begins with, by its ending, and what such files of rig hold near their begin or end."""
+
+
+def refuse_existing(path: Path, option: str = "--output") -> None:
+    """Raise FileError where something has the name of a file that records or decides something, before anything is
+    computed. option: what gives it another name."""
+    if os.path.lexists(path):
+        raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
+
+
+def refuse_foreign(path: Path, option: str = "--output") -> None:
+    """Raise FileError where something has the name of a page, a picture or a table of figures that rig did not make."""
+    try:
+        begin, size = read_from(path, 0, _ENDS)
+        end = begin if size <= _ENDS else read_from(path, size - _ENDS, _ENDS)[0]
+    except FileNotFoundError:
+        return
+    except FileError as error:  # no regular file
+        raise FileError(error.where, error.what, f"give another {option}") from None
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), f"give another {option}") from None
+    if size and not _is_of_rig(path, begin, end):
+        what = "exists already, and rig did not make it"
+        raise FileError(str(path), what, f"give another {option}, or remove it first")
+
+
+def _is_of_rig(path: Path, begin: bytes, end: bytes) -> bool:
+    suffix = {".htm": ".html"}.get(path.suffix.lower(), path.suffix.lower())
+    first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
+    return begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
+
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+_WRITTEN = re.compile(r"'+[=+\-@\t\r]")
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+
+
+def no_formula(text: str) -> str:
+    """Text as no program computes it."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
+
+
+def as_it_was(text: str) -> str:
+    """Text that `no_formula` wrote, as it was before."""
+    return text[1:] if _WRITTEN.match(text) else text
+
 
 ROWS_AT_ONCE = 65_536
 """Rows of a table that are in memory as Python's own numbers, which take some ten times the memory of an array's."""

@@ -17,8 +17,7 @@ from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
-from analysis.fleet.examine import Examined
-from analysis.fleet.seen import Seen
+from analysis.fleet.seen import Examined, Seen
 from analysis.history import history_file
 from analysis.history.records import Record
 from analysis.measures.quantity import Quantity
@@ -135,7 +134,7 @@ def _set_up(path: Path) -> str:
     made_by = f"{history_file.made_by()}, figures {history_file.VERSION}"
     with _changing(path) as file:
         if file.execute("select count(*) from sqlite_master").fetchone()[0]:
-            ids = [file.execute(f"pragma {one}").fetchone()[0] for one in ("application_id", "user_version")]
+            ids = [file.execute(f"pragma {pragma}").fetchone()[0] for pragma in ("application_id", "user_version")]
             is_same = ids == [_OURS, VERSION] and file.execute("select * from made_by").fetchall() == [(made_by,)]
             return "" if is_same else "was made by another version of rig"
         for statement in _TABLES.split(";\n"):
@@ -167,26 +166,47 @@ def _changing(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _refused(path: Path, error: Exception) -> CellError:
-    what = getattr(error, "strerror", None) or str(error)
-    return CellError(str(path), f"the catalogue cannot be written: {what}", "give another file: --catalogue FILE")
+    problem = getattr(error, "strerror", None) or str(error)
+    return CellError(str(path), f"the catalogue cannot be written: {problem}", "give another file: --catalogue FILE")
 
 
 def entries(path: Path) -> dict[str, Entry]:
     """What the catalogue knows, by run. Raises CellError."""
     with _opened(path) as file:
         rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
-        known = (Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *rest) for run, folder, robot, *rest in rows)
-        return {entry.run: entry for entry in known}
+        entries_found = (
+            Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *columns) for run, folder, robot, *columns in rows
+        )
+        return {entry.run: entry for entry in entries_found}
 
 
-def keep(path: Path, found: Iterable[tuple[Seen, Examined | None]]) -> None:
+def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> None:
     """Keep what was found out of runs; None for a run that is gone. Raises CellError."""
     with _changing(path) as file:
-        for seen, examined in found:
+        for seen, examined in examined_runs:
             if examined is None:
                 file.execute("delete from runs where run = ?", (os.fsencode(seen.run),))
             else:
-                _insert(file, seen, examined)
+                record = examined.record
+                sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
+                file.execute(
+                    "insert or ignore into rigs values (?, ?)", (sha256, history_file.escaped(examined.rig_text))
+                )
+                signature = seen.signature if examined.is_evaluated else ""
+                label = (record.rig, signature, record.fingerprint, sha256)
+                text = json.dumps(
+                    vars(record) | {"figures": {name: astuple(quantity) for name, quantity in record.figures.items()}}
+                )
+                file.execute(
+                    "insert or replace into runs values (?, ?, ?, ?, ?, ?, ?, ?)",
+                    (
+                        os.fsencode(seen.run),
+                        os.fsencode(Path(seen.run).parent),
+                        *label,
+                        history_file.escaped(record.problem),
+                        text,
+                    ),
+                )
 
 
 def forget(path: Path, runs: Iterable[str]) -> None:
@@ -212,7 +232,7 @@ def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
         records = [_record(text) for text, _ in rows]
     except (TypeError, ValueError) as error:
         raise Damaged(path, str(error)) from None
-    return records, {one.name: texts.get(rig, "") for one, (_, rig) in zip(records, rows, strict=True)}
+    return records, {record.name: texts.get(rig, "") for record, (_, rig) in zip(records, rows, strict=True)}
 
 
 def states(path: Path) -> dict[Key, tuple[str, str]]:
@@ -222,10 +242,10 @@ def states(path: Path) -> dict[Key, tuple[str, str]]:
     return {(os.fsdecode(folder), robot): (digest, state) for folder, robot, digest, state in rows}
 
 
-def keep_states(path: Path, found: Iterable[tuple[Key, str, str]]) -> None:
+def keep_states(path: Path, judged: Iterable[tuple[Key, str, str]]) -> None:
     """Keep the states of robots by their digests. Raises CellError."""
     with _changing(path) as file:
-        rows = [(os.fsencode(folder), robot, digest, state) for (folder, robot), digest, state in found]
+        rows = [(os.fsencode(folder), robot, digest, state) for (folder, robot), digest, state in judged]
         file.executemany("insert or replace into states values (?, ?, ?, ?)", rows)
 
 
@@ -236,20 +256,7 @@ def forget_states(path: Path, keys: Iterable[Key]) -> None:
         file.executemany("delete from states where folder = ? and robot = ?", rows)
 
 
-def _insert(file: sqlite3.Connection, seen: Seen, examined: Examined) -> None:
-    record = examined.record
-    sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
-    file.execute("insert or ignore into rigs values (?, ?)", (sha256, history_file.escaped(examined.rig_text)))
-    signature = seen.signature if examined.is_evaluated else ""
-    label = (record.rig, signature, record.fingerprint, sha256)
-    text = json.dumps(vars(record) | {"figures": {name: astuple(one) for name, one in record.figures.items()}})
-    file.execute(
-        "insert or replace into runs values (?, ?, ?, ?, ?, ?, ?, ?)",
-        (os.fsencode(seen.run), os.fsencode(Path(seen.run).parent), *label, history_file.escaped(record.problem), text),
-    )
-
-
 def _record(text: str) -> Record:
-    given = json.loads(text)
-    figures = {name: Quantity(*figure) for name, figure in given.pop("figures").items()}
-    return Record(**given, figures=figures)
+    fields = json.loads(text)
+    figures = {name: Quantity(*figure) for name, figure in fields.pop("figures").items()}
+    return Record(**fields, figures=figures)

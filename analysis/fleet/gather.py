@@ -1,26 +1,128 @@
 """From the directory of a plant to the states of its robots: only what is new or has changed is read.
 
-The catalogue knows the runs (`analysis.fleet.known`); robots are judged again where one of their runs differs, by
-`each`, a robot at a time.
+Runs are compared with the catalogue by names, sizes and times of files, and examined where these differ, by `each`, a
+run at a time; what is gone is forgotten. Robots are judged again where one of their runs differs, a robot at a time.
+
+A directory elsewhere takes no file of the history beside its runs, and reading each manifest again would cost a request
+each: the catalogue knows what has not changed by listing alone.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from analysis.batch.each import each
 from analysis.batch.outcomes import Failed, Outcome
+from analysis.batch.remote_store import StoreLost
 from analysis.fleet import catalogue
 from analysis.fleet.catalogue import Damaged, Entry, Key
-from analysis.fleet.known import Progress, kept, known_of, remade, seen_below
-from analysis.fleet.seen import Seen
+from analysis.fleet.seen import Examined, Seen, examine, seen_runs
 from analysis.fleet.state import State, as_json, in_order, state_from_json, state_of
-from analysis.history.collect import Collected, Workers, collected_of
+from analysis.history.collect import Collected, Workers, collected_of, is_of, no_run_of
+from analysis.history.records import Record
+from rigs.errors import FileError
+
+T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
+"""Called with what is done, and how much of how much of it."""
+_SAVED_EVERY_S = 5.0
+"""Time after which what was found is kept: an end in the middle costs no more."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the catalogue knows of each run by its path below the plant's directory; notes: what to know of the
+    catalogue; examined and gone: how many runs were read, and how many are no longer there."""
+
+    runs: Mapping[str, Entry]
+    notes: tuple[str, ...]
+    examined: int
+    gone: int
+
+
+def seen_below(directory: Path) -> list[Seen]:
+    """The runs below a directory. Raises FileError where there is none, CellError where a store does not answer."""
+    seen = list(seen_runs(directory))
+    if not seen:
+        raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
+    return seen
+
+
+def remade(file: Path, work: Callable[[str], T]) -> T:
+    """The value of work with a catalogue, which is made where it is missing, and once more where it is damaged.
+
+    work: called with why the catalogue was made again, in words, empty where it was not. Raises CellError where the
+    catalogue cannot be written.
+    """
+    why = catalogue.prepare(file)
+    try:
+        return work(why)
+    except Damaged:
+        catalogue.remove(file)
+        catalogue.prepare(file)
+        return work("was damaged")
+
+
+def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str) -> Known:
+    """The catalogue after the runs that are new or have changed were examined; why: it was made again.
+
+    Raises Damaged, and StoreLost where a store does not answer any more: what was examined before is kept.
+    """
+    entries = catalogue.entries(file)
+    fresh = [
+        run
+        for run in seen
+        if not run.signature or (entries[run.run].signature if run.run in entries else "") != run.signature
+    ]
+    gone = sorted(entries.keys() - {run.run for run in seen})
+    if gone:
+        catalogue.forget(file, gone)
+    if fresh:
+        _examine(file, fresh, workers, progress)
+    if fresh or gone:
+        entries = catalogue.entries(file)
+    notes = (f"{file} {why}: it was made again from the runs",) if why else ()
+    return Known(entries, notes, len(fresh), len(gone))
+
+
+def _examine(file: Path, fresh: Sequence[Seen], workers: Workers, progress: Progress) -> None:
+    paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
+    with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
+        examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
+        kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
+
+
+def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
+    """What was found of a run; one that cost a process or the memory, or could not be fetched, is tried again the next
+    time. Raises StoreLost."""
+    if isinstance(outcome, Failed):
+        if isinstance(outcome.error, StoreLost):
+            raise outcome.error
+        return Examined(Record(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
+    return outcome.value
+
+
+def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
+    """Keep what is found from time to time and at the end, however that comes."""
+    piece: list[T] = []
+    saved_s = time.monotonic()
+    try:
+        for done, item in enumerate(items, 1):
+            piece.append(item)
+            progress(done)
+            if time.monotonic() - saved_s > _SAVED_EVERY_S:
+                keep(piece)
+                piece, saved_s = [], time.monotonic()
+    finally:
+        keep(piece)
 
 
 @dataclass(frozen=True)
@@ -54,29 +156,29 @@ def gather(directory: Path, file: Path, workers: Workers, progress: Progress) ->
 def _gathered(
     directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
-    known = known_of(file, seen, workers, progress, why)
-    digests = _digests(known.runs.values())
+    catalogued = known_of(file, seen, workers, progress, why)
+    digests = _digests(catalogued.runs.values())
     return Fleet(
         directory,
         file,
         tuple(in_order(_judge(file, digests, workers, progress))),
-        tuple((one.run, one.problem) for one in known.runs.values() if not one.key[1]),
-        known.notes,
+        tuple((entry.run, entry.problem) for entry in catalogued.runs.values() if not entry.key[1]),
+        catalogued.notes,
         digests,
-        len(known.runs),
-        known.examined,
-        known.gone,
+        len(catalogued.runs),
+        catalogued.examined,
+        catalogued.gone,
     )
 
 
 def _digests(entries: Iterable[Entry]) -> dict[Key, str]:
     """A digest for each robot of all that its state follows from."""
-    found: dict[Key, hashlib._Hash] = {}
-    for one in entries:
-        if one.key[1]:
-            line = json.dumps([one.run, one.fingerprint, one.problem])
-            found.setdefault(one.key, hashlib.sha256()).update(line.encode())
-    return {key: digest.hexdigest() for key, digest in found.items()}
+    hashes: dict[Key, hashlib._Hash] = {}
+    for entry in entries:
+        if entry.key[1]:
+            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
+            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
+    return {key: digest.hexdigest() for key, digest in hashes.items()}
 
 
 def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: Progress) -> list[State]:
@@ -90,8 +192,8 @@ def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: P
             states[key] = _state(file, text)
     fresh = [key for key in digests if key not in states]
     outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
-    found = (_judged(outcome, digests, states) for outcome in outcomes)
-    kept(found, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
+    judged = (_judged(outcome, digests, states) for outcome in outcomes)
+    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
     return list(states.values())
 
 
@@ -127,3 +229,34 @@ def collected_in(file: Path, key: Key) -> Collected:
     """What the catalogue holds of a robot. Raises CellError."""
     records, rig_texts = catalogue.records_of(file, key)
     return collected_of(key[1], records, (), rig_texts.__getitem__)
+
+
+def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Workers, progress: Progress) -> Collected:
+    """The records of every run of a robot below a directory; file: the catalogue, which is made where it is missing.
+
+    Raises as `analysis.fleet.gather.gather` does, and FileError where there is no run of the robot.
+    """
+    seen = seen_below(directory)
+    return remade(file, partial(_collected, directory, robot, file, seen, workers, progress))
+
+
+def _collected(
+    directory: Path, robot: str, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
+) -> Collected:
+    catalogued = known_of(file, seen, workers, progress, why)
+    keys = sorted({entry.key for entry in catalogued.runs.values()})
+    records: list[Record] = []
+    rig_texts: dict[str, str] = {}
+    is_known = False
+    for folder, rig_name in keys:
+        of_robot, texts = catalogue.records_of(file, (folder, rig_name))
+        for record in of_robot:
+            is_mine = bool(rig_name) and is_of(rig_name, texts[record.name], robot)
+            if is_mine or not rig_name:  # of no known robot: its manifest cannot be read
+                name = str(Path(folder, record.name))
+                records.append(replace(record, name=name))
+                rig_texts[name] = texts[record.name]
+                is_known |= is_mine
+    if not is_known:
+        raise no_run_of(robot, directory, {name for _, name in keys if name})
+    return collected_of(robot, records, catalogued.notes, rig_texts.__getitem__)

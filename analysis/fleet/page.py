@@ -12,8 +12,7 @@ from urllib.parse import quote
 from analysis.batch.each import each
 from analysis.batch.outcomes import Failed
 from analysis.fleet.catalogue import Damaged, Key
-from analysis.fleet.gather import Fleet, collected_in
-from analysis.fleet.known import Progress
+from analysis.fleet.gather import Fleet, Progress, collected_in
 from analysis.fleet.screen import WORDS, doubts_of, names_of, origin, reading, simulated_share, summary
 from analysis.fleet.state import Attention, State
 from analysis.history.collect import Workers
@@ -44,9 +43,9 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     Gives a line for each robot whose page could not be written. Raises FileError where the page cannot be written
     or the catalogue be read.
     """
-    beside = path.with_name(f"{path.stem}-robots")
-    pages = [_page(fleet, one, beside, path) for one in fleet.robots if one.runs]
-    fresh = [one for one in pages if not _is_current(one)]
+    folder = path.with_name(f"{path.stem}-robots")
+    pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
+    fresh = [page for page in pages if not _is_current(page)]
     failed: list[str] = []
     for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
         if isinstance(outcome, Failed):
@@ -54,7 +53,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
                 raise outcome.error
             failed.append(f"{outcome.item.path}: {outcome.error.what}")
         progress("drawing the pages of robots", done, len(fresh))
-    links = {one.key: quote(f"{beside.name}/{one.path.name}") for one in pages if one.path.exists()}
+    links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
     named = zip(fleet.robots, names_of(fleet), strict=True)
     template = environment().get_template("fleet.html")
     html = template.render(
@@ -63,7 +62,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
         simulated_share=simulated_share,
         summary=summary(fleet),
         doubts=doubts_of(fleet) + failed,
-        rows=[(one, name, links.get((one.folder, one.robot))) for one, name in named],
+        rows=[(state, name, links.get((state.folder, state.robot))) for state, name in named],
         words=WORDS,
         standings=_STANDINGS,
         reading=reading(fleet),
@@ -72,12 +71,12 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     return failed
 
 
-def _page(fleet: Fleet, state: State, beside: Path, overview: Path) -> _Page:
+def _page(fleet: Fleet, state: State, folder: Path, overview: Path) -> _Page:
     key = (state.folder, state.robot)
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
     digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]  # names may differ in odd signs
     made_of = f"{made_by()} {fleet.digests[key]}"
-    return _Page(beside / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
+    return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
 
 
 def _is_current(page: _Page) -> bool:

@@ -40,7 +40,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
 
 def origin(fleet: Fleet) -> str:
     """Say whether runs are simulated; empty where none is."""
-    return simulated_runs(sum(one.simulated for one in fleet.robots), sum(one.runs for one in fleet.robots))
+    return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
 
 
 def simulated_share(state: State) -> str:
@@ -52,7 +52,7 @@ def simulated_share(state: State) -> str:
 
 def summary(fleet: Fleet) -> str:
     """How many robots there are, and how many of them stand how."""
-    counts = [(sum(one.attention == reason for one in fleet.robots), WORDS[reason]) for reason in ORDER]
+    counts = [(sum(state.attention == reason for state in fleet.robots), WORDS[reason]) for reason in ORDER]
     words = ", ".join(f"{count} {word}" for count, word in counts if count)
     return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none is known'}."
 
@@ -66,7 +66,7 @@ def reading(fleet: Fleet) -> str:
 def doubts_of(fleet: Fleet) -> list[str]:
     """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
     left_out = [*fleet.strays]
-    left_out += [(str(Path(one.folder, run)), why) for one in fleet.robots for run, why in one.without_figures]
+    left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
     lines = list(fleet.notes)
     if left_out:
         have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
@@ -79,8 +79,10 @@ def doubts_of(fleet: Fleet) -> list[str]:
 
 def names_of(fleet: Fleet) -> list[str]:
     """The name of each robot, in their order; with its directory where another has the same name."""
-    times = Counter(one.robot for one in fleet.robots)
-    return [plain(one.robot if times[one.robot] == 1 else f"{one.robot} in {one.folder}") for one in fleet.robots]
+    times = Counter(state.robot for state in fleet.robots)
+    return [
+        plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}") for state in fleet.robots
+    ]
 
 
 def _table(fleet: Fleet) -> Table:
@@ -91,11 +93,11 @@ def _table(fleet: Fleet) -> Table:
     table.add_column("what changed")
     table.add_column("last run", no_wrap=True)
     table.add_column("runs", justify="right", no_wrap=True)
-    for one, name in zip(fleet.robots, names_of(fleet), strict=True):
-        state = Text(WORDS[one.attention], style=_STYLES.get(one.attention, ""))
-        share = [Text(simulated_share(one), style="yellow")] if one.simulated else []
+    for state, name in zip(fleet.robots, names_of(fleet), strict=True):
+        standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
+        share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
         robot = Text("\n").join([Text(name), *share])
-        table.add_row(robot, state, _nearest(one), one.trend, one.last[:10], str(one.runs))
+        table.add_row(robot, standing, _nearest(state), state.trend, state.last[:10], str(state.runs))
     return whole(table)
 
 
@@ -113,7 +115,7 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
         {
             "directory": str(fleet.directory),
             "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
-            "robots": [_object(one) for one in fleet.robots],
+            "robots": [_object(state) for state in fleet.robots],
             "without_robot": dict(fleet.strays),
             "notes": list(fleet.notes),
             "runs": fleet.runs,

@@ -1,6 +1,8 @@
 """What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened.
 
 Of files elsewhere the store says what it knows of their state: an object store gives each a digest, its ETag.
+
+A run that is new or has changed, as the catalogue keeps it: its record, and the rig file that it holds.
 """
 
 from __future__ import annotations
@@ -8,13 +10,17 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from analysis.batch.fetched import fetched, named
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.remote_runs import RemoteRun, remote_runs
+from analysis.batch.remote_store import RemoteRun, remote_runs
 from analysis.batch.run_directories import run_directories
 from analysis.batch.run_files import has_figures
+from analysis.history.collect import REASONS
+from analysis.history.records import Record, fingerprint_of, record_of, record_without_figures
+from daq.store.retention import RunInfo, look
 from rigs.errors import FileError
 
 
@@ -48,22 +54,64 @@ def signature_of(run: Path) -> str:
     size. Empty where they cannot be listed."""
     try:
         with os.scandir(run) as entries:
-            files = [(one.name, one.stat()) for one in entries if has_figures(one.name)]
+            files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]
     except OSError:
         return ""
     return _digest((name, status.st_size, str(status.st_mtime_ns)) for name, status in files)
 
 
 def _remote_signature(run: RemoteRun) -> str:
-    files = [one for one in run.files or () if has_figures(one.name)]
-    if not files or not all(one.stamp for one in files):
+    files = [file for file in run.files or () if has_figures(file.name)]
+    if not files or not all(file.stamp for file in files):
         return ""
-    return _digest((one.name, one.size, one.stamp) for one in files)
+    return _digest((file.name, file.size, file.stamp) for file in files)
 
 
 def _digest(files: Iterable[tuple[str, int, str]]) -> str:
     """A digest of names, sizes and times or other stamps."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, size, stamp in sorted(files):
-        found.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
-    return found.hexdigest()
+        digest.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A run's record; rig_text: its rig file; is_evaluated: whether it was evaluated, so that it is examined again only
+    where it has changed."""
+
+    record: Record
+    rig_text: str = ""
+    is_evaluated: bool = True
+
+
+def examine(path: Path) -> Examined | None:
+    """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run; raises RigError for
+    one elsewhere that cannot be fetched."""
+    with fetched(path) as directory:
+        examined = _examined(directory)
+    if examined is None:
+        return None
+    record = replace(examined.record, name=path.name, problem=named(examined.record.problem, directory, path))
+    return replace(examined, record=record)
+
+
+def _examined(path: Path) -> Examined | None:
+    try:
+        run = look(path)
+    except OSError as error:
+        if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
+            return None
+        unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
+        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
+    if run.manifest is None or run.status in REASONS:
+        return Examined(record_without_figures(run, REASONS[run.status]), _rig_text(run), is_evaluated=False)
+    try:
+        fingerprint = fingerprint_of(run.path)
+    except (OSError, FileError) as error:
+        return Examined(record_without_figures(run, str(error)), _rig_text(run), is_evaluated=False)
+    return Examined(record_of(run.path, run.manifest, fingerprint), _rig_text(run))
+
+
+def _rig_text(run: RunInfo) -> str:
+    return run.manifest.rig_text if run.manifest else ""

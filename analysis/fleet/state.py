@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 from analysis.history.changes import Change
 from analysis.history.collect import Collected
-from analysis.history.history import Series, history_of
-from analysis.history.limits import judge
+from analysis.history.history import Series, history_of, judge
 from analysis.history.words import against_limit, dates
 from analysis.measures.quantity import Quantity
 from rigs.schema.limits import Standing
@@ -80,7 +79,7 @@ class State:
 
 def state_of(folder: str, collected: Collected) -> State:
     """The state of a robot by its runs."""
-    broken = tuple((one.name, one.problem) for one in collected.broken)
+    broken = tuple((record.name, record.problem) for record in collected.broken)
     if not collected.runs:
         return State(folder, collected.robot, without_figures=broken)
     history = history_of(collected)
@@ -114,32 +113,32 @@ def as_json(state: State) -> str:
 
 def state_from_json(text: str) -> State:
     """A state that was kept. Raises TypeError or ValueError where it is damaged."""
-    given: dict[str, Any] = json.loads(text)
-    names = tuple((run, why) for run, why in given.pop("without_figures"))
-    return State(**given | {"tests": tuple(given["tests"]), "without_figures": names})
+    fields: dict[str, Any] = json.loads(text)
+    names = tuple((run, why) for run, why in fields.pop("without_figures"))
+    return State(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
 
 
 def in_order(states: Sequence[State]) -> list[State]:
     """What needs attention first: by reason, then the furthest against its limit, then the newest change, then by
     name."""
-    by_name = sorted(states, key=lambda one: (one.robot, one.folder))
-    by_change = sorted(by_name, key=lambda one: one.changed if one.attention == "changed" else "", reverse=True)
-    return sorted(by_change, key=lambda one: (ORDER.index(one.attention), -one.worst_ratio))
+    by_name = sorted(states, key=lambda state: (state.robot, state.folder))
+    by_change = sorted(by_name, key=lambda state: state.changed if state.attention == "changed" else "", reverse=True)
+    return sorted(by_change, key=lambda state: (ORDER.index(state.attention), -state.worst_ratio))
 
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
     """The worst standing, the figure that it is of in words, and its value over the bound; the largest of these where
     several stand alike."""
-    found = []
+    judgements = []
     for series in all_series:
         judged = judge(series)
         if judged is not None:
             newest = judged.newest.figures[series.figure]
             rank = ("pass", "watch", "fail").index(judged.standing)
-            found.append((rank, abs(newest.value) / judged.bound, judged.standing, series, newest))
-    if not found:
+            judgements.append((rank, abs(newest.value) / judged.bound, judged.standing, series, newest))
+    if not judgements:
         return "", "", 0.0
-    _, ratio, standing, series, newest = max(found, key=lambda one: one[:2])
+    _, ratio, standing, series, newest = max(judgements, key=lambda judgement: judgement[:2])
     return standing, f"{series.title}: {series.label} {newest}, {against_limit(series)}", ratio
 
 
@@ -150,20 +149,20 @@ def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
     before the rest, and of changes on one day the most certain.
     """
     last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
-    grown = [one for one in last if abs(one[1].after) > abs(one[1].before)]
+    grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]
     if not last:
         return "", "", False
 
-    def newest(one: tuple[Series, Change]) -> tuple[datetime, float]:
-        series, change = one
+    def newest(pair: tuple[Series, Change]) -> tuple[datetime, float]:
+        series, change = pair
         return series.runs[change.last].when, -change.chance
 
     series, change = max(grown or last, key=newest)
     size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
     verb = "rose" if change.after > change.before else "fell"
-    more = f", and {len(last) - 1} more" if len(last) > 1 else ""
+    further = f", and {len(last) - 1} more" if len(last) > 1 else ""
     words = (
         f"{series.title}: {series.label} {verb} from {size.rounded(change.before)} to {size.rounded(change.after)} "
-        f"{series.unit} {dates(series, change)}{', and may go on' if change.is_last else ''}{more}"
+        f"{series.unit} {dates(series, change)}{', and may go on' if change.is_last else ''}{further}"
     )
     return series.runs[change.last].when.date().isoformat(), words, bool(grown)

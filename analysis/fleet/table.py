@@ -69,11 +69,17 @@ def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
         yield _label(robot, folder, record.name) | _of_run(record) | {"problem": record.problem}
     for record in collected.runs:
         label = _label(robot, folder, record.name) | _of_run(record)
-        for name, one in record.figures.items():
-            figure = {"value": one.value, "u": one.u, "unit": one.unit, "samples": one.samples, "noise": one.noise}
+        for name, quantity in record.figures.items():
+            figure = {
+                "value": quantity.value,
+                "u": quantity.u,
+                "unit": quantity.unit,
+                "samples": quantity.samples,
+                "noise": quantity.noise,
+            }
             limit = collected.limits.of(record.test, name)
             limited = (
-                {"watch": limit.watch, "fail": limit.fail, "standing": limit.standing(one.value, one.u)}
+                {"watch": limit.watch, "fail": limit.fail, "standing": limit.standing(quantity.value, quantity.u)}
                 if limit
                 else {}
             )

@@ -49,9 +49,9 @@ def for_json(value: Any) -> Any:
     """The same in plain types, null for NaN or infinity: JSON has neither, and strict readers refuse them."""
     match value:
         case Mapping():
-            return {str(key): for_json(one) for key, one in value.items()}
+            return {str(key): for_json(item) for key, item in value.items()}
         case list() | tuple():
-            return [for_json(one) for one in value]
+            return [for_json(item) for item in value]
         case np.ndarray():
             return for_json(value.tolist())
         case bool() | int() | str() | None:

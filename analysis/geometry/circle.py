@@ -89,12 +89,12 @@ def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
     q_ahead = follow(unlimited, frame.poses(ahead), posture, where)
     q_back = follow(unlimited, frame.poses(back), q_ahead[0], where)
     phi, q = np.concatenate([back[::-1], ahead]), np.concatenate([q_back[::-1], q_ahead])
-    found = []
+    turns = []
     for axis, joint in enumerate(q.T, start=1):
         for sign in (1.0, -1.0):
             for k in peaks(sign * joint, float(np.radians(0.05))):
                 c = np.polyfit(phi[k - 1 : k + 2] - phi[k], joint[k - 1 : k + 2], 2)
                 vertex = phi[k] - c[1] / (2 * c[0])
                 if first <= vertex < first + 2 * np.pi:
-                    found.append(Reversal(axis, float(vertex % (2 * np.pi)), sign > 0))
-    return sorted(found, key=lambda turn: (turn.axis, turn.phi))
+                    turns.append(Reversal(axis, float(vertex % (2 * np.pi)), sign > 0))
+    return sorted(turns, key=lambda turn: (turn.axis, turn.phi))

@@ -64,6 +64,6 @@ def _iso9283(rig: Rig) -> list[str]:
     if rig.tests.iso9283 is None:
         return []
     cube = cube_of(rig)
-    where = ", ".join(f"{one:.6g}" for one in cube.centre_mm)
-    found = ", found where there is room" if cube.found else ""
-    return [f"ISO 9283 cube of {cube.side_mm:g} mm about {where} mm: reachable on its whole plane{found}"]
+    where = ", ".join(f"{coordinate:.6g}" for coordinate in cube.centre_mm)
+    origin = ", found where there is room" if cube.found else ""
+    return [f"ISO 9283 cube of {cube.side_mm:g} mm about {where} mm: reachable on its whole plane{origin}"]

@@ -62,8 +62,8 @@ def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedA
     """Return the arm with constants by which its tool is at places xyz_mm (n, 3), and turned as R (n, 3, 3) where
     given, at joints q (n, axes) rad: base and tool stay as they are."""
 
-    def left(one: Arm) -> Array:
-        T = forward(one, q)
+    def left(candidate: Arm) -> Array:
+        T = forward(candidate, q)
         parts = [(xyz_mm - T[:, :3, 3]).ravel()]
         return np.concatenate(parts if R is None else [*parts, REACH_MM * (R - T[:, :3, :3]).ravel() / np.sqrt(3)])
 
@@ -78,24 +78,24 @@ def _with_constants(arm: Arm, change: Array) -> Arm:
     )
 
 
-def _fitted(changed: Callable[[Array], Arm], count: int, left: Callable[[Arm], Array]) -> FittedArm:
+def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
     """The arm of so many changes in mm that leaves least, in mm."""
     change, damping = np.zeros(count), _LEAST_DAMPING
-    rest, J = left(changed(change)), np.empty((0, count))
+    residual, J = misfit(changed(change)), np.empty((0, count))
     for _ in range(_ROUNDS):
-        J = np.stack([(left(changed(change + step)) - rest) / _STEP for step in _STEP * np.eye(count)], axis=1)
-        normal, gradient = J.T @ J, J.T @ rest
-        before, gained = float(rest @ rest), 0.0
+        J = np.stack([(misfit(changed(change + step)) - residual) / _STEP for step in _STEP * np.eye(count)], axis=1)
+        normal, gradient = J.T @ J, J.T @ residual
+        before, gained = float(residual @ residual), 0.0
         while damping <= _MOST_DAMPING and gained <= 0:
-            held = normal + damping * float(np.trace(normal)) / count * np.eye(count)
-            tried = change - np.linalg.solve(held, gradient)
-            new = left(changed(tried))
+            damped = normal + damping * float(np.trace(normal)) / count * np.eye(count)
+            tried = change - np.linalg.solve(damped, gradient)
+            new = misfit(changed(tried))
             gained = before - float(new @ new)
             damping *= 10 if gained <= 0 else 0.1
         if gained <= 0:
             break
-        change, rest, damping = tried, new, max(damping, _LEAST_DAMPING)
+        change, residual, damping = tried, new, max(damping, _LEAST_DAMPING)
         if gained < _ENOUGH * before:
             break
     sizes = np.linalg.svd(J, compute_uv=False)
-    return FittedArm(changed(change), rest, rest.size - int((sizes > _DETERMINED * sizes[0]).sum()))
+    return FittedArm(changed(change), residual, residual.size - int((sizes > _DETERMINED * sizes[0]).sum()))

@@ -129,9 +129,9 @@ def _cube(robot: Robot, test: Iso9283) -> Cube | None:
     looked_for = test.posture_deg is None or test.side_mm is None
     for starts in _starts(arm, test):
         for side in sides:
-            found = _first_reached(arm, starts, level, rising, side)
-            if found is not None:
-                start, q = found
+            reached = _first_reached(arm, starts, level, rising, side)
+            if reached is not None:
+                start, q = reached
                 return Cube(starts.centre_mm[start], float(side), level, rising, starts.R[start], q, looked_for)
     return None
 
@@ -217,9 +217,9 @@ def _first_reached(arm: Arm, starts: _Starts, level: Array, rising: Array, side_
     grid = np.array([*_CORNERS, *product(share, share)]) * FROM_CENTRE * side_mm * np.array([1.0, np.sqrt(2)])
     away = grid @ np.stack([level, rising])
     corners = slice(None, len(_CORNERS))
-    left = np.arange(len(starts.q))
-    left = left[_reached(arm, starts, left, away[corners])[1]]
-    for number in left:
+    candidates = np.arange(len(starts.q))
+    candidates = candidates[_reached(arm, starts, candidates, away[corners])[1]]
+    for number in candidates:
         q, reached = _reached(arm, starts, np.array([number]), away)
         if reached[0]:
             return int(number), q[0, corners]
@@ -236,9 +236,9 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
     q, good = newton(arm, poses.reshape(-1, 4, 4), begin, _STEPS)
     good &= ((q > arm.limits[:, 0] + _MARGIN) & (q < arm.limits[:, 1] - _MARGIN)).all(axis=1)
     good &= np.abs(q - begin).max(axis=1) < _SWING
-    some = np.flatnonzero(good)
-    if len(some):
-        good[some] = is_clear(arm, q[some]) & (conditioning(arm, q[some]) > _REGULAR)
+    within = np.flatnonzero(good)
+    if len(within):
+        good[within] = is_clear(arm, q[within]) & (conditioning(arm, q[within]) > _REGULAR)
     shape = len(rows), len(away)
     return q.reshape(*shape, arm.axes), np.asarray(good.reshape(shape).all(axis=1))
 

@@ -56,14 +56,14 @@ class Polygon:
 
     def nearest(self, places: Array) -> Array:
         """The lengths (n,) mm at which the path is nearest to places (n, 3) mm."""
-        best, found = np.full(len(places), np.inf), np.zeros(len(places))
+        best, lengths = np.full(len(places), np.inf), np.zeros(len(places))
         for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.along[:-1], strict=True):
             length = float(np.linalg.norm(end - begin))
-            own = np.clip((places - begin) @ (end - begin) / length, 0.0, length)
-            off = np.linalg.norm(places - begin - own[:, None] * (end - begin) / length, axis=1)
-            found = np.where(off < best, s + own, found)
+            on_leg = np.clip((places - begin) @ (end - begin) / length, 0.0, length)
+            off = np.linalg.norm(places - begin - on_leg[:, None] * (end - begin) / length, axis=1)
+            lengths = np.where(off < best, s + on_leg, lengths)
             best = np.minimum(best, off)
-        return found
+        return lengths
 
 
 @dataclass(frozen=True)

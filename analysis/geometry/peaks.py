@@ -16,7 +16,7 @@ def peaks(x: Array, prominence: float) -> Integers:
     follower = np.diff(play(x, prominence / 2))
     moving = np.flatnonzero(follower)
     way = np.sign(follower[moving])
-    found = []
+    rows = []
     for k in np.flatnonzero(np.diff(way) < 0):
         between = x[moving[k] : moving[k + 1] + 1]
         first = int(np.argmax(between))
@@ -24,5 +24,5 @@ def peaks(x: Array, prominence: float) -> Integers:
         row = int(moving[k]) + first + (flat - 1) // 2
         # The gap begins in the middle, so the first rise may be half of it.
         if x[row] - x[:row].min() > prominence:
-            found.append(row)
-    return np.array(found, dtype=np.int64)
+            rows.append(row)
+    return np.array(rows, dtype=np.int64)

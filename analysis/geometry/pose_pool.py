@@ -44,15 +44,15 @@ def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Genera
     """Joint angles (n, 6) rad of at most so many poses, drawn evenly in joint space, that are clear and seen."""
     low = np.maximum(arm.limits[:, 0] + _MARGIN_RAD, -_HALF_TURN)
     high = np.minimum(arm.limits[:, 1] - _MARGIN_RAD, _HALF_TURN)
-    found = np.empty((0, len(low)))
+    drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
         q = rng.uniform(low, high, (4 * count, len(low)))
         q = q[is_clear(arm, q)]
         q = q[is_seen(arm, q, sight)] if sight else q
-        found = np.concatenate([found, q])
-        if len(found) >= count:
+        drawn = np.concatenate([drawn, q])
+        if len(drawn) >= count:
             break
-    return found[:count]
+    return drawn[:count]
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
@@ -62,9 +62,9 @@ def is_clear(arm: Arm, q: Array) -> Mask:
     above = (outer[..., 2] > _FLOOR_MM).all(axis=1)
     shoulder = points[:, 1, 2].max() + _COLUMN_MM
     last = points[:, 4:]
-    beside = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > shoulder)
+    off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > shoulder)
     even = conditioning(arm, q) > _LEAST_CONDITIONING
-    return np.asarray(above & beside.all(axis=1) & even)
+    return np.asarray(above & off_column.all(axis=1) & even)
 
 
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
@@ -73,8 +73,8 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
     points = _points(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin))
     outer, last = points[:, 2:], points[:, 4:]
-    beside = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
-    return bool((outer[..., 2] > _FLOOR_MM).all() and beside.all())
+    off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
+    return bool((outer[..., 2] > _FLOOR_MM).all() and off_column.all())
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
@@ -96,14 +96,14 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
 def in_order_of_ways(arm: Arm, q: Array) -> Array:
     """The poses (m, 6) rad in an order in which each next is the nearest with a clear way; those without are left
     out."""
-    rest, order = list(range(1, len(q))), [0]
-    while rest:
-        far = np.abs(q[rest] - q[order[-1]]).max(axis=1)
-        reachable = (k for k in np.argsort(far) if is_way_clear(arm, q[order[-1]], q[rest[k]]))
+    unordered, order = list(range(1, len(q))), [0]
+    while unordered:
+        far = np.abs(q[unordered] - q[order[-1]]).max(axis=1)
+        reachable = (k for k in np.argsort(far) if is_way_clear(arm, q[order[-1]], q[unordered[k]]))
         nearest = next(reachable, None)
         if nearest is None:
             break
-        order.append(rest.pop(int(nearest)))
+        order.append(unordered.pop(int(nearest)))
     return q[order]
 
 

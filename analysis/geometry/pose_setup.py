@@ -32,26 +32,26 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
     R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
-    left = _left(T, xyz_mm, R, origin, tool)
+    residual = _left(T, xyz_mm, R, origin, tool)
     damping = 1e-6
     for _ in range(steps):
         design = _design(T, R, tool, reach)
-        normal, gradient = design.T @ design, design.T @ left
+        normal, gradient = design.T @ design, design.T @ residual
         while damping < _MOST_DAMPING:
-            held = normal + damping * np.diag(np.maximum(np.diag(normal), 1e-9))
-            step = np.asarray(-np.linalg.solve(held, gradient), dtype=float)
+            damped = normal + damping * np.diag(np.maximum(np.diag(normal), 1e-9))
+            step = np.asarray(-np.linalg.solve(damped, gradient), dtype=float)
             tried = (_turn(step[:3] / reach) @ R, origin + step[3:6], tool + step[6:])
             new = _left(T, xyz_mm, *tried)
-            if new @ new <= left @ left:
+            if new @ new <= residual @ residual:
                 break
             damping *= 10
         else:
             break
-        gained = left @ left - new @ new
+        gained = residual @ residual - new @ new
         R, origin, tool = tried
-        left = new
+        residual = new
         damping = max(damping / 10, _LEAST_DAMPING)
-        if gained <= _CONVERGED * (left @ left):
+        if gained <= _CONVERGED * (residual @ residual):
             break
     return PoseSetUp(frame(R, origin), frame(np.eye(3), tool), _design(T, R, tool, reach))
 

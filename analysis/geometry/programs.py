@@ -129,7 +129,14 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
     where = RigPlace.of(rig.name, "tests.circle")
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
     fastest = fastest_joints(t_s, q)
-    _hold_speeds(arm, fastest, where)
+    for axis in np.flatnonzero(fastest > arm.speed):
+        raise PathError(
+            where,
+            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
+            f"{np.degrees(arm.speed[axis]):.0f}°/s",
+            "lower speed_mm_s, or move the circle away from the singularity",
+            "speed",
+        )
     return Laps(t_s, phi, q, circle.laps, way_back(arm, fastest))
 
 
@@ -173,17 +180,6 @@ def fastest_joints(t_s: Array, q: Array) -> Array:
     """Greatest speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
     fastest: Array = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
     return fastest
-
-
-def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
-    for axis in np.flatnonzero(fastest > arm.speed):
-        raise PathError(
-            where,
-            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
-            f"{np.degrees(arm.speed[axis]):.0f}°/s",
-            "lower speed_mm_s, or move the circle away from the singularity",
-            "speed",
-        )
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
 def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
     """Return how far (n, 3) mm the ball is from its socket at tool poses T (n, 4, 4) mm, with the ball's place on the
     tool and those of the sockets, named (n,), fitted."""
-    known, socket = np.unique(names, return_inverse=True)
-    design, seen = socket_design(T, socket.ravel(), len(known)), -T[:, :3, 3].ravel()
-    left: Array = (design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3)
-    return left
+    sockets, socket = np.unique(names, return_inverse=True)
+    design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
+    residual: Array = (design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3)
+    return residual

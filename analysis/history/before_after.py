@@ -55,17 +55,18 @@ class Difference:
     @property
     def sentence(self) -> str:
         """What changed and whether that is more than the spread, in words."""
-        one = self.difference
-        if not np.isfinite(one.u):
-            return f"{self._what} went from {one.rounded(self.before)} to {one.rounded(self.after)} {one.sign}; " + (
-                "a single run on either side shows no spread: repeat them."
+        change = self.difference
+        if not np.isfinite(change.u):
+            return (
+                f"{self._what} went from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}; "
+                + ("a single run on either side shows no spread: repeat them.")
             )
-        verb = "rose" if one.value > 0 else "fell"
+        verb = "rose" if change.value > 0 else "fell"
         than = "more than" if self.is_larger else "within"
         return (
-            f"{self._what} {verb} from {one.rounded(self.before)} to {one.rounded(self.after)} {one.sign}, "
-            f"by {one.rounded(abs(one.value))} ± {one.rounded_u} {one.sign}: {than} the "
-            f"{one.rounded(self.explained)} {one.sign} that the spread between runs explains."
+            f"{self._what} {verb} from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}, "
+            f"by {change.rounded(abs(change.value))} ± {change.rounded_u} {change.sign}: {than} the "
+            f"{change.rounded(self.explained)} {change.sign} that the spread between runs explains."
         )
 
     @property
@@ -79,16 +80,16 @@ class Difference:
         return plain
 
 
-def headlines(found: Sequence[Difference]) -> list[str]:
+def headlines(compared: Sequence[Difference]) -> list[str]:
     """What is said first: a sentence for each figure that changed, or why there is none; and what is not known."""
-    larger = [one.sentence for one in found if one.is_larger]
-    unknown = sum(not np.isfinite(one.difference.u) for one in found)
+    larger = [difference.sentence for difference in compared if difference.is_larger]
+    unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
-    if unknown == len(found):
+    if unknown == len(compared):
         return [f"The spread between runs is not known, so no difference can be judged: {repeat}"]
     none = ["No figure differs by more than the spread between runs explains."]
-    rest = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
-    return [*(larger or none), *rest]
+    unjudged = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
+    return [*(larger or none), *unjudged]
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
@@ -97,41 +98,37 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     Raises FileError for a run that has no figures or whose readings are given twice, for runs of different robots, and
     where the sides have no test in common.
     """
-    _hold_apart(after, before)
-    known = _known(Path(run).parent for run in (*before, *after))
-    now, then = ([_record(run, known) for run in side] for side in (after, before))
+    both = {run.resolve() for run in after} & {run.resolve() for run in before}
+    for shared in sorted(both):
+        raise FileError(str(shared), "is on both sides", "give it before --against or after it")
+    histories = _known(Path(run).parent for run in (*before, *after))
+    now, then = ([_record(run, histories) for run in side] for side in (after, before))
     records = zip((*before, *after), (*then, *now), strict=True)
     refuse_copies((path, record.readings) for path, record in records)
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         raise FileError(" and ".join(robots), "are different robots", "compare runs of one robot")
     groups: list[tuple[Key, list[Record], list[Record]]] = [
-        (key, [one for one in then if _key(one) == key], [one for one in now if _key(one) == key])
+        (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
         for key in dict.fromkeys(map(_key, now))
     ]
     picked = [(key, name, b, a) for key, b, a in groups if b for name in WATCHED if _all_have(name, [*b, *a])]
     if not picked:
-        what = "both sides have no test, direction, placement and program in common"
-        raise FileError("--against", what, "give runs of one test on both sides")
-    return [_difference(key, name, b, a, len(picked), known) for key, name, b, a in picked]
-
-
-def _hold_apart(after: Sequence[Path], before: Sequence[Path]) -> None:
-    both = {path.resolve() for path in after} & {path.resolve() for path in before}
-    for path in sorted(both):
-        raise FileError(str(path), "is on both sides", "give it before --against or after it")
+        problem = "both sides have no test, direction, placement and program in common"
+        raise FileError("--against", problem, "give runs of one test on both sides")
+    return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
 
 
 def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:
     """What the histories beside the runs hold."""
-    found: dict[Path, dict[str, Record]] = {}
+    histories: dict[Path, dict[str, Record]] = {}
     for directory in dict.fromkeys(path.resolve() for path in directories):
         with suppress(Unusable):
-            found[directory] = read_records(directory / FILE)[0]
-    return found
+            histories[directory] = read_records(directory / FILE)[0]
+    return histories
 
 
-def _record(run: Path, known: dict[Path, dict[str, Record]]) -> Record:
+def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
     """The record of a run, from the history beside it where that is up to date."""
     path = run.resolve()
     manifest = load_manifest(path)
@@ -139,7 +136,7 @@ def _record(run: Path, known: dict[Path, dict[str, Record]]) -> Record:
         fingerprint = fingerprint_of(path)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the disk and the rights") from None
-    record = known.get(path.parent, {}).get(path.name)
+    record = histories.get(path.parent, {}).get(path.name)
     if record is None or record.fingerprint != fingerprint:
         record = record_of(path, manifest, fingerprint)
     if record.problem:
@@ -161,7 +158,7 @@ def _difference(
     before: Sequence[Record],
     after: Sequence[Record],
     count: int,
-    known: dict[Path, dict[str, Record]],
+    histories: dict[Path, dict[str, Record]],
 ) -> Difference:
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
 
@@ -169,7 +166,7 @@ def _difference(
     then, now = (float(side.mean()) for side in sides)
     freedom = float(sum(len(side) - 1 for side in sides))
     squares = float(sum(((side - side.mean()) ** 2).sum() for side in sides))
-    spread, of_history = _spread_of_history(key, figure, known)
+    spread, of_history = _spread_of_history(key, figure, histories)
     freedom, squares = freedom + of_history, squares + of_history * spread**2
     unit = before[0].figures[figure].unit
     u = limit = np.inf
@@ -181,15 +178,19 @@ def _difference(
     return Difference(title_of(key[0], key[1], key[3]), figure, then, now, difference, limit, len(before), len(after))
 
 
-def _spread_of_history(key: Key, figure: str, known: dict[Path, dict[str, Record]]) -> tuple[float, float]:
+def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
     """Standard deviation from run to run in the longest history, and its degrees of freedom; 0 and 0 without one."""
     best: list[Record] = []
-    for records in known.values():
-        own = [one for one in records.values() if not one.problem and _key(one) == key and _all_have(figure, [one])]
-        best = max(best, own, key=len)
+    for records in histories.values():
+        series = [
+            record
+            for record in records.values()
+            if not record.problem and _key(record) == key and _all_have(figure, [record])
+        ]
+        best = max(best, series, key=len)
     if len(best) < _FEWEST_OF_HISTORY:
         return 0.0, 0.0
     quantities = [record.figures[figure] for record in in_time(best)]
-    u = np.nan_to_num(np.array([one.u for one in quantities]), posinf=0.0)
-    trend = trend_of(np.array([one.value for one in quantities]), u, 1)
+    u = np.nan_to_num(np.array([quantity.u for quantity in quantities]), posinf=0.0)
+    trend = trend_of(np.array([quantity.value for quantity in quantities]), u, 1)
     return trend.spread, _EFFICIENCY * (len(best) - 1) if trend.spread > 0 else 0.0

@@ -78,22 +78,22 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
     file = directory / FILE
     notes: list[str] = []
     try:
-        known, why = read_records(file)
+        records_before, why = read_records(file)
         usable = True
     except Unusable as error:
-        known, why, usable = {}, "", False
+        records_before, why, usable = {}, "", False
         notes.append(_in_memory(file, str(error)))
     if why:
         notes.append(f"{file} {why}: it is made again from the runs")
-    found = _runs_below(directory)
-    broken = [_broken(run, directory, REASONS["damaged"]) for run in found if run.manifest is None]
+    runs = _runs_below(directory)
+    broken = [_broken(run, directory, REASONS["damaged"]) for run in runs if run.manifest is None]
     mine = [
-        run for run in found if run.manifest is not None and is_of(run.manifest.rig_name, run.manifest.rig_text, robot)
+        run for run in runs if run.manifest is not None and is_of(run.manifest.rig_name, run.manifest.rig_text, robot)
     ]
     if not mine:
-        raise no_run_of(robot, directory, {run.manifest.rig_name for run in found if run.manifest})
-    records, jobs = _sorted_out(directory, mine, known, broken)
-    gone = sorted(known.keys() - {_name(run.path, directory) for run in found})
+        raise no_run_of(robot, directory, {run.manifest.rig_name for run in runs if run.manifest})
+    records, jobs = _sorted_out(directory, mine, records_before, broken)
+    gone = sorted(records_before.keys() - {_name(run.path, directory) for run in runs})
     for fresh in _evaluated(jobs, progress, how):
         records += fresh
         if usable and (fresh or gone or why):
@@ -112,21 +112,21 @@ def collected_of(
 ) -> Collected:
     """What the records of a robot's runs give, in any order; rig_text_of: the rig file of a run by its name."""
     runs, copies = _once(in_time(record for record in records if not record.problem))
-    broken = sorted((record for record in records if record.problem), key=lambda one: one.name)
-    said = [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
+    broken = sorted((record for record in records if record.problem), key=lambda record: record.name)
+    copy_notes = [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
     rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
-    return Collected(robot, tuple(runs), tuple(broken), (*notes, *said), rig.limits if rig else Limits())
+    return Collected(robot, tuple(runs), tuple(broken), (*notes, *copy_notes), rig.limits if rig else Limits())
 
 
 def _runs_below(directory: Path) -> list[RunInfo]:
     """What is known of each run in a directory and below it. Raises FileError where there is no such directory."""
-    found = list(survey(directory))
-    listed = {run.path.resolve() for run in found}
+    runs = list(survey(directory))
+    listed = {run.path.resolve() for run in runs}
     for run in run_directories([directory]):
         if run != directory and run.resolve() not in listed:
             with suppress(FileNotFoundError, PermissionError):  # as `survey` has it
-                found.append(look(run))
-    return found
+                runs.append(look(run))
+    return runs
 
 
 def _name(run: Path, directory: Path) -> str:
@@ -143,7 +143,7 @@ def _in_memory(file: Path, why: str) -> str:
 
 
 def _sorted_out(
-    directory: Path, runs: Sequence[RunInfo], known: dict[str, Record], broken: list[Record]
+    directory: Path, runs: Sequence[RunInfo], records_before: dict[str, Record], broken: list[Record]
 ) -> tuple[list[Record], list[Job]]:
     """Records that still hold, and runs to evaluate; runs that cannot be read are added to broken."""
     records, jobs = [], []
@@ -158,7 +158,7 @@ def _sorted_out(
         except (OSError, FileError) as error:
             broken.append(_broken(run, directory, str(error)))
             continue
-        record = known.get(name)
+        record = records_before.get(name)
         if record is not None and record.fingerprint == fingerprint:
             records.append(record)
         else:

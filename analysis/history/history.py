@@ -1,4 +1,12 @@
-"""The history of a robot: each figure of each test over its runs, with what changed and when."""
+"""The history of a robot: each figure of each test over its runs, with what changed and when, and where it stands
+against its limit.
+
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. A series
+stands where its newest run stands. It crossed a bound at the first run proven beyond it after the last one proven
+within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs
+before others are left out, as they are from the search for changes. The newest ones count: a damage that came suddenly
+is wild until it has lasted for some runs.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +24,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
 from analysis.reporting.labels import whole_label
 from rigs.errors import FileError, UseError
-from rigs.schema.limits import Limit, Limits
+from rigs.schema.limits import Limit, Limits, Standing
 
 WATCHED = (
     *("band_deg", "circular_deviation_mm"),
@@ -56,7 +64,7 @@ class Series:
     @property
     def values(self) -> Array:
         """The figure (n,) in its unit."""
-        return np.array([one.value for one in self.quantities])
+        return np.array([quantity.value for quantity in self.quantities])
 
     @property
     def unit(self) -> str:
@@ -84,8 +92,8 @@ class History:
     @property
     def changed(self) -> list[tuple[Series, Change]]:
         """Every change in order of time; of those at one time the most certain first."""
-        found = [(series, change) for series in self.series for change in series.trend.changes]
-        return sorted(found, key=lambda one: (one[0].runs[one[1].first].when.timestamp(), one[1].chance))
+        changes = [(series, change) for series in self.series for change in series.trend.changes]
+        return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
 
 
 def label_of(figure: str) -> str:
@@ -111,14 +119,16 @@ def history_of(
         raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
     tolerances = collected.limits if limits is None else limits
     picked = [
-        (title, name, own)
+        (title, name, with_figure)
         for title, group in _programs(runs)
         for name in (_wanted(group, tolerances) if figure is None else [figure])
-        if (own := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
+        if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
     series = tuple(
-        Series(title, name, own, _trend(own, name, len(picked)), tolerances.of(own[0].test, name))
-        for title, name, own in picked
+        Series(
+            title, name, with_figure, _trend(with_figure, name, len(picked)), tolerances.of(with_figure[0].test, name)
+        )
+        for title, name, with_figure in picked
     )
     return History(collected, series)
 
@@ -132,14 +142,14 @@ def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
 
 def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
     quantities = [run.figures[figure] for run in runs]
-    u = np.array([one.u for one in quantities])
-    return trend_of(np.array([one.value for one in quantities]), np.nan_to_num(u, posinf=0.0), series)
+    u = np.array([quantity.u for quantity in quantities])
+    return trend_of(np.array([quantity.value for quantity in quantities]), np.nan_to_num(u, posinf=0.0), series)
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:
     """What runs of one kind are called: `yaw acw, placement left, corrected programs`."""
-    more = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
-    return ", ".join([test, *filter(None, more)])
+    qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
+    return ", ".join([test, *filter(None, qualifiers)])
 
 
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
@@ -149,9 +159,55 @@ def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
     for run in runs:
         groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
     driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
-    found = []
+    titled = []
     for (title, placement, program, corrected), group in sorted(groups.items()):
         words = [title_of(title, placement, corrected)]
         words += [f"program {program}"] if driven[title, placement] > 1 else []
-        found.append((", ".join(words), group))
-    return found
+        titled.append((", ".join(words), group))
+    return titled
+
+
+_CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
+    "pass": (("pass",), "fail"),
+    "watch": (("watch", "fail"), "pass"),
+    "fail": (("fail",), "pass"),
+}
+"""How the first run since the crossing stands against the bound that decides, and how the last one before it, for each
+standing of a series."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A series against its limit. standing: of the newest run; bound: that decided it; since: the first run after the
+    crossing; beyond: every run that fails, in order of time; count: how many runs were judged."""
+
+    limit: Limit
+    standing: Standing
+    bound: float
+    since: Record
+    newest: Record
+    beyond: tuple[Record, ...]
+    count: int
+
+
+def judge(series: Series) -> Judged | None:
+    """Return where a series stands, None where it has no limit."""
+    if series.limit is None:
+        return None
+    last = max(np.flatnonzero(~series.trend.wild), default=-1)
+    kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
+    runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
+    standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
+    bound = _deciding(series.limit, standings[-1])
+    against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]
+    after, before = _CROSSED[standings[-1]]
+    crossed = max((k for k, standing in enumerate(against) if standing == before), default=-1) + 1
+    since = next(k for k in range(crossed, len(runs)) if against[k] in after)
+    beyond = tuple(run for (run, _), standing in zip(runs, standings, strict=True) if standing == "fail")
+    return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))
+
+
+def _deciding(limit: Limit, standing: Standing) -> float:
+    """The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit."""
+    bounds = [size for size in (limit.watch, limit.fail) if size is not None]
+    return bounds[-1] if standing == "fail" else bounds[0]

@@ -121,16 +121,19 @@ def made_by() -> str:
 
 
 def _insert(file: sqlite3.Connection, record: Record) -> None:
-    name = os.fsencode(record.name)
-    file.execute("delete from runs where name = ?", (name,))
+    key = os.fsencode(record.name)
+    file.execute("delete from runs where name = ?", (key,))
     row = (record.fingerprint, record.rig, record.started, record.test, record.direction, record.placement)
     file.execute(
         "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (name, *row, record.program, escaped(record.problem), record.readings, record.simulated, record.corrected),
+        (key, *row, record.program, escaped(record.problem), record.readings, record.simulated, record.corrected),
     )
     file.executemany(
         "insert into figures values (?, ?, ?, ?, ?, ?, ?)",
-        [(name, figure, one.value, one.u, one.unit, one.samples, one.noise) for figure, one in record.figures.items()],
+        [
+            (key, figure, quantity.value, quantity.u, quantity.unit, quantity.samples, quantity.noise)
+            for figure, quantity in record.figures.items()
+        ],
     )
 
 

@@ -6,17 +6,23 @@ that the model gives for a play there less those without. A wide play is crossed
 depends on its size: the shapes are computed for some widths, and the sizes are those of nonlinear least squares between
 them. Where gravity holds the gears on one side, no jump shows and the figure is near zero. Source: Y. T. Oh, Applied
 Sciences 9 (2019), 3.2.
+
+Near a reversal, a wave of a gear can look like a play. A gear is out by a wave of the joint's angle, and a joint that
+turns back runs through the same wave twice, so that the lap has no jump there but a bend. Fitted by plays alone, a gear
+of axis 4 with order 8 was a play of axis 5 of -0.30° ± 0.03°. So waves of all axes and of the usual orders are fitted
+with the plays, each with a size of its own that the lap determines (automatic relevance, MacKay 1992): what the lap
+does not show costs nothing, what it cannot distinguish from a play is in the play's uncertainty.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis.geometry.ball_link import angle
-from analysis.history.gear_waves import Fitted, fitted, waves_of
 from analysis.kinematics.arm import Array, Mask
 from analysis.measures.joint_reversals import turns
 from analysis.measures.link_angle import CircleResult
@@ -31,6 +37,79 @@ from rigs.rig import Rig
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
+
+
+ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
+"""Cycles a turn of a joint: eccentric wheels, wave generators and their stages; what is faster is seldom as large, and
+shorter than the neighbourhood that a jump is judged by."""
+_SIZE_DEG = 0.005
+"""What a wave is taken to have at the beginning: usual gears have some thousandths of a degree."""
+_LEAST_DEG = 1e-6
+_ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """sizes (p,) of the plays in degrees, their part of the solution (p, m) by the readings (m,), the variance of a
+    reading, and the misfit: minus twice the log of the evidence, of which the least is the best."""
+
+    sizes_deg: Array
+    solve: Array
+    u_deg: Array
+    misfit: float
+
+
+def waves_of(slopes: Array, q: Array) -> Array:
+    """What waves of one degree make of a lap: (m, 2 pairs) in mm, a sine and a cosine beside one another.
+
+    slopes (m, 6) mm for each degree by which a joint is out; q (m, 6) rad, the joints at the same readings.
+    """
+    turns = q[:, :, None] * np.array(ORDERS)
+    both = np.stack([np.sin(turns), np.cos(turns)], axis=3) * slopes[:, :, None, None]
+    waves: Array = both.reshape(len(q), -1)
+    return waves
+
+
+def fitted(
+    lap: Array,
+    curve: Callable[[Array], Array],
+    slopes: Callable[[Array], Array],
+    waves: Array,
+    start_deg: Array,
+    widest_deg: float,
+    alike: float,
+) -> Fitted:
+    """Plays and waves that fit a lap (m,) mm, from plays of start_deg (p,).
+
+    curve, slopes: what plays (p,) in degrees make of the lap, (m,) mm, and its derivatives (m, p); waves (m, k) mm for
+    each degree; alike: of how many readings one is by itself.
+    """
+    sizes, plays = start_deg.copy(), len(start_deg)
+    variances = np.full(waves.shape[1] // 2, _SIZE_DEG**2)
+    noise = max(float(lap.var()), 1e-18) * alike
+    squares = waves.T @ waves
+    for _ in range(_ROUNDS):
+        by_play = slopes(sizes)
+        target = lap - curve(sizes) + by_play @ sizes
+        cross = by_play.T @ waves
+        information = np.block([[by_play.T @ by_play, cross], [cross.T, squares]]) / noise
+        prior = np.concatenate([np.full(plays, 1e-9), 1 / np.repeat(variances, 2)])
+        covariance = np.linalg.inv(information + np.diag(prior))
+        columns = np.concatenate([by_play, waves], axis=1)
+        solution = covariance @ (columns.T @ target) / noise
+        step = np.clip(solution[:plays] - sizes, -0.05, 0.05)
+        sizes = np.clip(sizes + step, -widest_deg, widest_deg)
+        residuals_mm = lap - curve(sizes) - waves @ solution[plays:]
+        of_waves = solution[plays:] ** 2 + np.diag(covariance)[plays:]
+        determined = len(solution) - float(prior @ np.diag(covariance))
+        noise = max(float(residuals_mm @ residuals_mm) * alike / max(len(lap) / alike - determined, 1.0) / alike, 1e-18)
+        variances = np.maximum(of_waves.reshape(-1, 2).mean(axis=1), _LEAST_DEG**2)
+    solve = (covariance @ columns.T / noise)[:plays]
+    penalty = float((solution[plays:] ** 2 / np.repeat(variances, 2)).sum() + np.log(np.repeat(variances, 2)).sum())
+    evidence = len(lap) / alike * np.log(noise) + float(residuals_mm @ residuals_mm) / noise + penalty
+    misfit = float(evidence - np.linalg.slogdet(covariance)[1])
+    return Fitted(sizes, solve, np.sqrt(np.diag(covariance)[:plays]), misfit)
+
 
 _SMOOTH = 12
 """Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
@@ -64,17 +143,17 @@ class _Jumps:
         from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import, needed where a run is read only
 
         curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
-        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, one) for one in curves))
+        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, curve) for curve in curves))
 
     def of(self, sizes_deg: Array) -> Array:
         """The curve (2 NODES,) mm of plays (axes,) in degrees."""
-        curves = [one(size) for one, size in zip(self.by_width, sizes_deg, strict=True)]
+        curves = [spline(size) for spline, size in zip(self.by_width, sizes_deg, strict=True)]
         together: Array = np.sum(curves, axis=0)
         return together
 
     def slopes(self, sizes_deg: Array) -> Array:
         """Its derivatives (2 NODES, axes) in mm for each degree."""
-        return np.stack([one(size, 1) for one, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
+        return np.stack([spline(size, 1) for spline, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
@@ -82,10 +161,10 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
     u holds the noise within the run and what the fit leaves unexplained.
     """
-    found, table = result.found, result.measured.table
-    if not isinstance(found, CircleResult) or not isinstance(table, CircleTable):
+    circle, table = result.found, result.measured.table
+    if not isinstance(circle, CircleResult) or not isinstance(table, CircleTable):
         return {}
-    axes = sorted({turn.axis for turn in turns(found.laps)})
+    axes = sorted({turn.axis for turn in turns(circle.laps)})
     if not axes:
         return {}
     half_mm = result.measured.rig.gauges.baseline_mm / 2
@@ -93,21 +172,27 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
     def rough(curves: Array) -> Array:
         """Curves (..., 2 NODES) mm without what is smooth in them."""
-        left: Array = curves - (curves @ basis) @ basis.T
-        return left
+        rest_mm: Array = curves - (curves @ basis) @ basis.T
+        return rest_mm
 
-    modelled = _Lap.of(found.laps, table, result.measured.rig, half_mm)
+    modelled = _Lap.of(circle.laps, table, result.measured.rig, half_mm)
     wider = rough(np.array([[modelled.play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
     jumps = _Jumps.through(wider)
-    lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
-    errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
+    lap = rough(np.concatenate([circle.curve.y * half_mm, circle.distance.curve.y]))
+    errors = rough(np.concatenate([circle.curve.errors * half_mm, circle.distance.curve.errors], axis=1))
     slopes = np.stack([modelled.offset(axis) for axis in range(1, 7)], axis=1)
     waves = waves_of(slopes, np.tile(modelled.q, (2, 1)))
     waves -= basis @ (basis.T @ waves)
-    best = min((_with_waves(lap, jumps, waves, start) for start in _starts(lap, jumps)), key=lambda one: one.misfit)
+    best = min(
+        (
+            fitted(lap, jumps.of, jumps.slopes, waves, start, float(_WIDTHS_DEG[-1]), len(PHI) / _INDEPENDENT)
+            for start in _starts(lap, jumps)
+        ),
+        key=lambda fit: fit.misfit,
+    )
     u = np.hypot((errors @ best.solve.T).std(axis=0), best.u_deg)
     return {
-        f"play_j{axis}_deg": Quantity(max(size, 0.0), float(u[k]), "deg", found.samples, found.curve.noise.source)
+        f"play_j{axis}_deg": Quantity(max(size, 0.0), float(u[k]), "deg", circle.samples, circle.curve.noise.source)
         for k, (axis, size) in enumerate(zip(axes, best.sizes_deg.tolist(), strict=True))
         if u[k] < _WORST_U_DEG and size > -_BELOW_ZERO * u[k]
     }
@@ -117,21 +202,15 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
     """Sizes (axes,) in degrees to begin with, of a lap (2 NODES,) mm: no play, and the widths that explain most of it
     one after the other, since plays of joints that turn back together look alike."""
     none = np.zeros(len(jumps.curves))
-    start, left = none.copy(), lap
+    start, residual_mm = none.copy(), lap
     for _ in start:
-        gaps = np.where(start[:, None] == 0, ((left - jumps.curves) ** 2).sum(axis=2), np.inf)
+        gaps = np.where(start[:, None] == 0, ((residual_mm - jumps.curves) ** 2).sum(axis=2), np.inf)
         axis, width = np.unravel_index(np.argmin(gaps), gaps.shape)
-        if gaps[axis, width] >= left @ left:
+        if gaps[axis, width] >= residual_mm @ residual_mm:
             break
         start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
-        left = lap - jumps.of(start)
+        residual_mm = lap - jumps.of(start)
     return none, start
-
-
-def _with_waves(lap: Array, jumps: _Jumps, waves: Array, start: Array) -> Fitted:
-    """Plays and gear waves (2 NODES, k) mm of a lap (2 NODES,) mm, from plays of start (axes,) in degrees."""
-    alike = len(PHI) / _INDEPENDENT
-    return fitted(lap, jumps.of, jumps.slopes, waves, start, float(_WIDTHS_DEG[-1]), alike)
 
 
 @dataclass(frozen=True)
@@ -180,6 +259,6 @@ class _Lap:
 def _smooth() -> Array:
     """Low orders (2 NODES, orders), of length 1, of angle and distance, each its own."""
     orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
-    one = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
-    none = np.zeros_like(one)
-    return np.block([[one, none], [none, one]])
+    block = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
+    none = np.zeros_like(block)
+    return np.block([[block, none], [none, block]])

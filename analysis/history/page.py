@@ -5,20 +5,16 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import dataclass
-from datetime import tzinfo
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-from analysis.history.history import History, Series
-from analysis.history.limits import judge
+from analysis.history.history import History, Series, judge
 from analysis.history.records import Record
 from analysis.history.words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
-from analysis.kinematics.arm import Array
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.sheet import Sheet
 
@@ -39,7 +35,8 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
     Raises FileError where it cannot be written."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     rows = [_Row.of(series) for series in history.series]
-    drawn = [series for series in shown if _spans_time(series)]
+    # One run, or runs of one moment, have no time to draw the figure over.
+    drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
     template = environment().get_template("history.html")
     html = template.render(
         robot=history.robot,
@@ -73,33 +70,16 @@ class _Row:
 
     @classmethod
     def of(cls, series: Series) -> _Row:
-        first, *more = zip(series.runs, series.quantities, strict=True)
-        run, newest = more[-1] if more else first
-        begin = (str(first[1]), _moment(first[0])) if more else ("", "")
+        first, *later = zip(series.runs, series.quantities, strict=True)
+        run, newest = later[-1] if later else first
+        begin = (str(first[1]), _moment(first[0])) if later else ("", "")
         limit = against_limit(series).partition(" since")[0]
         return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
-
-
-def _sides(values: Array) -> list[int]:
-    """The signs, 1 and -1, that values (n,) in any unit have."""
-    return [side for side in (1, -1) if np.any(side * values > 0)]
-
-
-def _set_time_axis(axes: Axes, zone: tzinfo | None) -> None:
-    """Label the time axis with years, days or times of the day, as the runs lie apart."""
-    ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(ticks)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks, tz=zone))  # type: ignore[no-untyped-call]
 
 
 def _moment(run: Record) -> str:
     """When a run began, to the minute."""
     return f"{run.when:%Y-%m-%d %H:%M}"
-
-
-def _spans_time(series: Series) -> bool:
-    """Whether there is a time to draw the figure over: one run, or runs of one moment, have none."""
-    return len({run.when for run in series.runs}) > 1
 
 
 def _is_beyond(series: Series) -> bool:
@@ -111,7 +91,7 @@ def _picture(series: Series) -> Markup:
     """An SVG of a figure over time: runs with their 2 u, the levels that were found, wild runs as crosses."""
     when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's own days since 1970
     values, wild = series.values, series.trend.wild
-    u = np.nan_to_num(np.array([one.u for one in series.quantities]), posinf=0.0)
+    u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
     figure = Sheet(8, 2.2)
     axes = figure.subplots()
     axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
@@ -122,10 +102,15 @@ def _picture(series: Series) -> Markup:
     bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
     for bound, style in bounds:
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            for side in _sides(values):  # a limit is of the size
-                axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
+            for side in (1, -1):  # a limit is of the size
+                if np.any(side * values > 0):
+                    axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
     axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
-    _set_time_axis(axes, series.runs[-1].when.tzinfo)
+    # Label the time axis with years, days or times of the day, as the runs lie apart.
+    zone = series.runs[-1].when.tzinfo
+    ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(ticks)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks, tz=zone))  # type: ignore[no-untyped-call]
     axes.set_ylabel(series.unit)
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)

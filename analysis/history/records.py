@@ -1,4 +1,5 @@
-"""A run as the history keeps it: what it was, its figures, or why it has none."""
+"""A run as the history keeps it: what it was, its figures, or why it has none. How warm the joints were is a figure as
+well: gears and links grow with it."""
 
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from analysis.history.joint_play import joint_plays
-from analysis.history.joint_warmth import joint_warmth
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import result_of
+from analysis.traces.condition import Condition
 from analysis.traces.loading import load_measured
 from daq.store import Manifest, RunInfo
 from daq.store.ledger import LEDGER
@@ -24,6 +25,18 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
+
+
+def joint_warmth(condition: Condition) -> dict[str, Quantity]:
+    """`temperature_j1_c` … the mean over the run, and `warming_j1_c` … the rise within it, of the joints that show it.
+
+    u is how much the readings vary; makers do not state how true the sensors are.
+    """
+    shown = condition.warmth or {}
+    means = {f"temperature_j{axis}_c": Quantity(joint.mean_c, joint.u_mean_c, "c") for axis, joint in shown.items()}
+    rises = {f"warming_j{axis}_c": Quantity(joint.rise_c, joint.u_rise_c, "c") for axis, joint in shown.items()}
+    return means | rises
+
 
 _PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
 _MOST_BYTES = 1_000_000_000
@@ -74,13 +87,13 @@ def fingerprint_of(run: Path) -> str:
 
     Raises OSError or FileError.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name
-        found.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
+        digest.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
     for path in sorted((*run.glob("*.parquet"), *run.glob("*.arrow"))):
-        found.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
-    return found.hexdigest()
+        digest.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:

@@ -13,8 +13,7 @@ from rich.text import Text
 
 from analysis.frames import for_json, table_of_rows
 from analysis.history.before_after import Difference, headlines
-from analysis.history.history import History, Series, label_of
-from analysis.history.limits import judge
+from analysis.history.history import History, Series, judge, label_of
 from analysis.history.words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
@@ -27,10 +26,10 @@ _WIDTH = 20
 
 def as_screen(history: History) -> RenderableType:
     """The sentences, a line for each figure, and what stands behind them."""
-    found = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
-    found += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
+    head = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
+    head += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
     lines = [Text(line, style="dim") for line in remarks(history)]
-    return Group(*found, _table(history), *lines, *(Text(line, style="yellow") for line in doubts(history)))
+    return Group(*head, _table(history), *lines, *(Text(line, style="yellow") for line in doubts(history)))
 
 
 def _table(history: History) -> Table:
@@ -54,15 +53,23 @@ def _table(history: History) -> Table:
         style = "bold" if series.trend.changes else ""
         name = "" if series.title == before else series.title
         limit = [against_limit(series).partition(" since")[0]] if is_limited else []
-        over = [str(series.quantities[0])] if is_one else [*_cells(series), sparkline(series.values), _mark(series)]
+        over = (
+            [str(series.quantities[0])]
+            if is_one
+            else [
+                *_cells(series),
+                sparkline(series.values),
+                "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes),
+            ]
+        )
         table.add_row(name, series.label, *over, *limit, style=style)
         before = series.title
     return whole(table)
 
 
-def as_differences(found: Sequence[Difference]) -> RenderableType:
+def as_differences(compared: Sequence[Difference]) -> RenderableType:
     """Before and after a repair: a sentence for each figure that changed, and a line for each that was compared."""
-    found_first = [Text(sentence, style="bold") for sentence in headlines(found)]
+    found_first = [Text(sentence, style="bold") for sentence in headlines(compared)]
     table = Table(header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
@@ -72,17 +79,18 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
     table.add_column("explained", justify="right")
     table.add_column("more than that")
     title = ""
-    for one in found:
-        by = one.difference
+    for difference in compared:
+        by = difference.difference
         is_known = bool(np.isfinite(by.u))
-        verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
-        cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
-        cells += [by.rounded_u, by.sign, by.rounded(one.explained)] if is_known else ["", by.sign, ""]
+        verdict = ("yes" if difference.is_larger else "no") if is_known else "not known: repeat the runs"
+        cells = [by.rounded(value) for value in (difference.before, difference.after, by.value)]
+        cells += [by.rounded_u, by.sign, by.rounded(difference.explained)] if is_known else ["", by.sign, ""]
         cells.append(verdict)
-        name = "" if one.title == title else one.title
-        table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
-        title = one.title
-    counts = f"runs: {max(one.runs_before for one in found)} before, {max(one.runs_after for one in found)} after"
+        name = "" if difference.title == title else difference.title
+        table.add_row(name, label_of(difference.figure), *cells, style="bold" if difference.is_larger else "")
+        title = difference.title
+    before = max(difference.runs_before for difference in compared)
+    counts = f"runs: {before} before, {max(difference.runs_after for difference in compared)} after"
     u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
     return Group(*found_first, whole(table), Text(u, style="dim"))
 
@@ -91,12 +99,8 @@ def _cells(series: Series) -> tuple[str, str, str, str]:
     quantities = series.quantities
     spread = series.trend.spread
     by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
-    first, last = (by.rounded(one.value) for one in (quantities[0], quantities[-1]))
+    first, last = (by.rounded(quantity.value) for quantity in (quantities[0], quantities[-1]))
     return str(len(quantities)), first, f"{last} {series.unit}", by.rounded_size(spread) if np.isfinite(spread) else "–"
-
-
-def _mark(series: Series) -> str:
-    return "".join("↑" if one.after > one.before else "↓" for one in series.trend.changes)
 
 
 def sparkline(values: Array, width: int = _WIDTH) -> str:
@@ -106,7 +110,7 @@ def sparkline(values: Array, width: int = _WIDTH) -> str:
     low, span = heights.min(), np.ptp(heights)
     if span == 0:
         return _BARS[0] * len(heights)
-    return "".join(_BARS[round(float((one - low) / span) * (len(_BARS) - 1))] for one in heights)
+    return "".join(_BARS[round(float((height - low) / span) * (len(_BARS) - 1))] for height in heights)
 
 
 def as_object(history: History) -> dict[str, Any]:
@@ -117,35 +121,36 @@ def as_object(history: History) -> dict[str, Any]:
             "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
-            "series": [_series_object(series) for series in history.series],
-            "without_figures": {one.name: one.problem for one in history.collected.broken},
+            "series": [
+                (
+                    {
+                        "title": series.title,
+                        "figure": series.figure,
+                        "spread": series.trend.spread,
+                        "points": _points(series),
+                        "changes": [
+                            {
+                                "after_run": series.runs[change.first].name,
+                                "by_run": series.runs[change.last].name,
+                                "when": dates(series, change),
+                                "before": change.before,
+                                "after": change.after,
+                                "u": change.u,
+                                "chance": change.chance,
+                                "may_go_on": change.is_last,
+                            }
+                            for change in series.trend.changes
+                        ],
+                        "limit": _limit_object(series),
+                    }
+                )
+                for series in history.series
+            ],
+            "without_figures": {record.name: record.problem for record in history.collected.broken},
             "notes": list(history.collected.notes),
         }
     )
     return plain
-
-
-def _series_object(series: Series) -> dict[str, Any]:
-    return {
-        "title": series.title,
-        "figure": series.figure,
-        "spread": series.trend.spread,
-        "points": _points(series),
-        "changes": [
-            {
-                "after_run": series.runs[one.first].name,
-                "by_run": series.runs[one.last].name,
-                "when": dates(series, one),
-                "before": one.before,
-                "after": one.after,
-                "u": one.u,
-                "chance": one.chance,
-                "may_go_on": one.is_last,
-            }
-            for one in series.trend.changes
-        ],
-        "limit": _limit_object(series),
-    }
 
 
 def _limit_object(series: Series) -> dict[str, Any] | None:
@@ -164,13 +169,15 @@ def _limit_object(series: Series) -> dict[str, Any] | None:
 
 def _points(series: Series) -> list[dict[str, Any]]:
     return [
-        {"run": run.name, "started": run.started, "value": one.value, "u": one.u, "alone": bool(alone)}
-        for run, one, alone in zip(series.runs, series.quantities, series.trend.wild, strict=True)
+        {"run": run.name, "started": run.started, "value": quantity.value, "u": quantity.u, "alone": bool(is_wild)}
+        for run, quantity, is_wild in zip(series.runs, series.quantities, series.trend.wild, strict=True)
     ]
 
 
 def as_table(all_series: Sequence[Series]) -> pa.Table:
     """A row for each run and figure: title, figure, run, started, value, u, alone."""
     columns = ("title", "figure", "run", "started", "value", "u", "alone")
-    rows = [{"title": one.title, "figure": one.figure} | point for one in all_series for point in _points(one)]
+    rows = [
+        {"title": series.title, "figure": series.figure} | point for series in all_series for point in _points(series)
+    ]
     return table_of_rows(columns, rows)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import date
 
-from analysis.history.changes import FALSE_ALARMS, NEWEST, Change
-from analysis.history.history import History, Series
-from analysis.history.limits import judge
+from analysis.history.changes import FALSE_ALARMS, FEWEST, NEWEST, Change
+from analysis.history.history import History, Series, judge
 from analysis.history.records import Record, in_time
-from analysis.history.shapes import FEWEST
 from analysis.measures.quantity import Quantity
 from analysis.reporting.origins import simulated_runs
 from rigs.text import plain
@@ -81,7 +79,7 @@ def doubts(history: History) -> list[str]:
     if broken:
         verb = "has" if len(broken) == 1 else "have"
         lines.append(f"{_count(len(broken), 'run')} {verb} no figures and {'is' if verb == 'has' else 'are'} left out:")
-        lines += [plain(f"  {one.name}: {one.problem}") for one in broken[:_MOST_NAMED]]
+        lines += [plain(f"  {record.name}: {record.problem}") for record in broken[:_MOST_NAMED]]
         if len(broken) > _MOST_NAMED:
             lines.append(f"  and {len(broken) - _MOST_NAMED} more, which --json names")
     return lines
@@ -115,14 +113,14 @@ def _limit_sentences(series: Series) -> list[str]:
         of = f"run {judged.newest.name} of {_day(judged.newest.when)}"
         return [f"{figure} {stands} its limit of {judged.bound:g} {series.unit}: {of} has {newest}."]
     since = f"{judged.bound:g} {series.unit} since {_day(judged.since.when)} (run {judged.since.name})"
-    said = {
+    standing = {
         "pass": f"was beyond its limit, and has been within {since}",
         "watch": f"has not been proven within its limit of {since}",
         "fail": f"has been beyond its limit of {since}",
     }[judged.standing]
     beyond = judged.beyond
     among = f"; {len(beyond)} of {judged.count} runs beyond, {_span(beyond)}" if beyond else ""
-    return [f"{figure} {said}: the newest run has {newest}{among}."]
+    return [f"{figure} {standing}: the newest run has {newest}{among}."]
 
 
 def dates(series: Series, change: Change) -> str:
@@ -148,17 +146,17 @@ def _day(when: date) -> str:
 def _together(changed: Sequence[tuple[Series, Change]]) -> list[list[tuple[Series, Change]]]:
     """Changes of one figure in several tests at one time and in one sense, the most certain first."""
     groups: list[list[tuple[Series, Change]]] = []
-    for one in changed:
-        group = next((group for group in groups if _alike(group[0], one)), None)
+    for candidate in changed:
+        group = next((group for group in groups if _alike(group[0], candidate)), None)
         if group is None:
-            groups.append([one])
+            groups.append([candidate])
         else:
-            group.append(one)
-    return [sorted(group, key=lambda one: one[1].chance) for group in groups]
+            group.append(candidate)
+    return [sorted(group, key=lambda member: member[1].chance) for group in groups]
 
 
-def _alike(one: tuple[Series, Change], other: tuple[Series, Change]) -> bool:
-    (series, change), (its_series, its) = one, other
+def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bool:
+    (series, change), (its_series, its) = pair, other_pair
     if (
         series.figure != its_series.figure
         or series is its_series
@@ -174,7 +172,7 @@ def _sentence(group: Sequence[tuple[Series, Change]]) -> str:
     series, change = group[0]
     size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
     verb = "rose" if change.after > change.before else "fell"
-    also = [f"{one.title}" for one, _ in group[1:]]
+    also = [f"{series.title}" for series, _ in group[1:]]
     seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
     when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
     return (
@@ -184,8 +182,8 @@ def _sentence(group: Sequence[tuple[Series, Change]]) -> str:
     )
 
 
-def _count(count: int, one: str, several: str = "") -> str:
-    return f"{count} {one if count == 1 else several or one + 's'}"
+def _count(count: int, singular: str, plural: str = "") -> str:
+    return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.observation import ObservedRun
 from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
+from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
-from rigs.schema.effect import name_of, size_field
+from rigs.schema.effect import label_of, name_of, size_field
 
 LEAST_SHARE = 0.1
 """Share of the error from which every part has an act, or a reason why there is none."""
@@ -34,7 +35,7 @@ class JudgedPlace:
     gap there."""
 
     place: JudgedOn
-    used: Sequence[ObservedRun]
+    used: FittedRuns
     there: Sequence[ObservedRun]
     stages: Stages
     gap: Gap
@@ -58,114 +59,152 @@ it has the commanded ones beside them, or measured again."""
 
 
 def acts_of(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     judged: JudgedPlace,
     tests: Sequence[tuple[int, NamingTest, Cost]] = (),
     before: Sequence[Act] = (),
 ) -> tuple[Act, ...]:
     """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
     tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
-    if found.given:
+    if diagnosis.given:
         return ()
-    return (*before, *_acts_of(found, judged, tests))
+    return (*before, *_acts_of(diagnosis, judged, tests))
 
 
-def _acts_of(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> tuple[Act, ...]:
-    if found.condition == "not_testable_here":
-        return (Act("measure", "not_visible", command=("plan", _model(found))),)
-    acts = _in_order([*_repairs(found, judged), *_corrections(found, judged), *_approaches(found)])
-    asked = _measurements(found, judged, tests)
-    first = [one for one in asked if _comes_first(one, acts, found)]
-    acts = [*first, *acts, *(one for one in asked if one not in first)]
-    return tuple([*acts, *_without_act(found, acts)] or [Act("none", "sound")])
+def _acts_of(
+    diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
+) -> tuple[Act, ...]:
+    if diagnosis.condition == "not_testable_here":
+        return (Act("measure", "not_visible", command=("plan", _model(diagnosis))),)
+    repairs, following = _repairs(diagnosis, judged)
+    acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
+    asked = _measurements(diagnosis, judged, tests)
+    first = [act for act in asked if _comes_first(act, acts, diagnosis)]
+    acts = [*first, *acts, *(act for act in asked if act not in first)]
+    return tuple([*acts, *_without_act(diagnosis, acts)] or [Act("none", "sound")])
 
 
 def _in_order(acts: Sequence[Act]) -> list[Act]:
     """Return acts, what removes most first. What is usual is corrected for today, and repaired where that is not
     enough: its repair stands behind its correction."""
-    corrected = {k for one in acts if one.kind in ("load", "approach") for k in one.parts}
-    late = [one for one in acts if one.why == "sure_and_large" and one.kind == "repair" and {*one.parts} <= corrected]
-    first = sorted((one for one in acts if one not in late), key=lambda one: -one.removes_um)
-    late.sort(key=lambda one: -one.removes_um)
-    return [*first, *(replace(one, why="not_enough") for one in late)]
+    corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
+    late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
+    late.sort(key=lambda act: -act.removes_um)
+    ordered: list[Act] = []
+    for act in sorted((act for act in acts if act not in late), key=_weight, reverse=True):
+        ordered.append(act)
+        served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
+        behind = [repair for repair in late if {*repair.parts} <= served]
+        ordered += [replace(repair, why="not_enough") for repair in behind]
+        late = [repair for repair in late if repair not in behind]
+    return ordered
 
 
-def _approaches(found: Diagnosis) -> list[Act]:
+def _weight(act: Act) -> float:
+    """Return what orders an act, in µm: what it removes, and for an approach from one side, whose gain is unknown
+    beforehand, what its part makes."""
+    return act.remains_um if act.kind == "approach" else act.removes_um
+
+
+def _approaches(diagnosis: Diagnosis) -> list[Act]:
     """Return the correction for today of what depends on the side from which a joint came, which no target holds: every
     target is approached from one side."""
     acts = []
-    for k, part in enumerate(found.budget):
-        if part.index is None or part.share <= LEAST_SHARE or not is_sure(found, part):
+    for k, part in enumerate(diagnosis.budget):
+        if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
             continue
-        effect = found.effects[part.index].effect
+        effect = diagnosis.effects[part.index].effect
         if effect.part == "reversal" and effect.compensation().use == "none":
             acts.append(Act("approach", "history", (k,), remains_um=part.um, remains_u_um=part.u_um, effect=effect))
     return acts
 
 
-def _repairs(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return what a hand does about faults, and about what is of usual size and makes much of the error."""
-    acts = []
-    for k, part in enumerate(found.budget):
-        if part.index is None:
-            continue
-        one = found.effects[part.index]
-        if not one.shown or not (one.stands or _is_worth_a_hand(found, part, one)):
-            continue
-        relative = part.u_um / part.um if part.um > 0 else 1.0
-        figures = judged.removed([one.effect], relative)
-        why: Reason = "fault" if one.stands else "sure_and_large"
-        acts.append(
-            replace(
-                figures,
-                kind=one.effect.DEED,
-                why=why,
-                parts=(k,),
-                effect=one.effect,
-                u=one.sd.get(size_field(one.effect)),
-                against=_against(found, one, judged),
-            )
-        )
-    return acts
+def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
+    """Return what a hand does about faults, and about what is of usual size and makes much of the error; and those of
+    them that follow. Of errors that cancel, one alone may make the error larger: it is done, and judged, after the
+    others."""
+    served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
+    acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
+    done = [act.effect for act in acts if act.removes_um > 0 and act.effect is not None]
+    first, following = list(acts), []
+    for (k, named), act in zip(served, acts, strict=True):
+        if done and act.removes_um <= 0 and named.stands:
+            after = _repair(diagnosis, judged, k, named, done)
+            if after.removes:
+                first.remove(act)
+                following.append(after)
+                done.append(named.effect)
+    return first, following
 
 
-def _is_worth_a_hand(found: Diagnosis, part: BudgetPart, one: Named) -> bool:
+def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
+    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it."""
+    named = diagnosis.effects[part.index] if part.index is not None else None
+    cancelling = [
+        candidate
+        for candidate in diagnosis.standing
+        if candidate is not named and label_of(candidate.effect) in part.cancelled
+    ]
+    first = [named] if named is not None and (named.stands or _is_worth_a_hand(diagnosis, part, named)) else []
+    return [candidate for candidate in [*first, *cancelling] if candidate.shown]
+
+
+def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
+    """Return what a hand does about an effect of part k once other effects are `done`."""
+    part = diagnosis.budget[k]
+    is_own = part.index is not None and diagnosis.effects[part.index] is named
+    u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
+    figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
+    if done:
+        figures = replace(figures, removes_um=judged.removed(done).remains_um - figures.remains_um)
+    return replace(
+        figures,
+        kind=named.effect.DEED,
+        why="fault" if named.stands else "sure_and_large",
+        parts=(k,),
+        effect=named.effect,
+        u=named.sd.get(size_field(named.effect)),
+        against=_against(diagnosis, named, judged),
+    )
+
+
+def _is_worth_a_hand(diagnosis: Diagnosis, part: BudgetPart, named: Named) -> bool:
     """Return whether something of usual size is done by hand: what is sure and makes much of the error is entered or
     re-mastered; repaired where few arms show as much of it, or where the arm fails its limits."""
-    if not is_sure(found, part) or part.share <= LARGE_SHARE:
+    if not is_sure(diagnosis, part) or part.share <= LARGE_SHARE:
         return False
-    rare = (part.times_usual or 0.0) >= _RARE or found.accuracy.standing in ("watch", "fail")
-    return one.effect.DEED in ("remaster", "enter") or rare
+    rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
+    return named.effect.DEED in ("remaster", "enter") or rare
 
 
-def _against(found: Diagnosis, one: Named, judged: JudgedPlace) -> tuple[Against, ...]:
-    rivals = tuple(name_of(rival.effect) for rival in one.rivals if rival.posterior * ODDS >= one.posterior)
+def _against(diagnosis: Diagnosis, named: Named, judged: JudgedPlace) -> tuple[Against, ...]:
+    rivals = tuple(name_of(rival.effect) for rival in named.rivals if rival.posterior * ODDS >= named.posterior)
     against = [Against("rivals", names=rivals)] if rivals else []
-    if one.doubt is not None and one.doubt != "usual":
-        against.append(Against("doubt", doubt=one.doubt))
-    return (*against, *_of_the_place(found, judged))
+    if named.doubt is not None and named.doubt != "usual":
+        against.append(Against("doubt", doubt=named.doubt))
+    return (*against, *_of_the_place(diagnosis, judged))
 
 
-def _of_the_place(found: Diagnosis, judged: JudgedPlace) -> list[Against]:
+def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
     """Return what speaks against every figure."""
     against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
-    if found.condition == "undecided":
-        against.append(Against("few_runs", runs=found.runs_to_decide))
-    if found.condition == "outside_library":
+    if diagnosis.condition == "undecided":
+        against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
+    if diagnosis.condition == "outside_library":
         against.append(Against("unexplained"))
     return against
 
 
-def _corrections(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
+def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the correction for today: programs and entries by everything of the arm that the model holds."""
-    if found.calibrated is None or verdict_of(found.calibrated) == "nothing":
+    if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
-    effects = [one for one in judged.stages.effects[-1] if one.compensation().use != "none"]
+    effects = [effect for effect in judged.stages.effects[-1] if effect.compensation().use != "none"]
     if not effects:
         return []
-    parts = tuple(k for k, one in enumerate(found.budget) if _is_corrected(found, one))
+    parts = tuple(k for k, part in enumerate(diagnosis.budget) if _is_corrected(diagnosis, part))
     figures = judged.removed(effects)
-    if not _is_worth_while(found, figures):
+    if not _is_worth_while(diagnosis, figures):
         return []
     return [
         replace(
@@ -174,86 +213,96 @@ def _corrections(found: Diagnosis, judged: JudgedPlace) -> list[Act]:
             why="correction",
             parts=parts,
             cost=Cost(minutes=0.0),
-            command=("correct", _model(found), "-o", "CORRECTIONS"),
-            against=tuple(_of_the_place(found, judged)),
+            command=("correct", _model(diagnosis), "-o", "CORRECTIONS"),
+            against=tuple(_of_the_place(diagnosis, judged)),
         )
     ]
 
 
-def _is_corrected(found: Diagnosis, part: BudgetPart) -> bool:
+def _is_corrected(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether targets can hold a part."""
     if part.index is not None:
-        return found.effects[part.index].effect.compensation().use != "none"
+        return diagnosis.effects[part.index].effect.compensation().use != "none"
     return part.kind in ("constants", "gravity", "curve")
 
 
-def _is_worth_while(found: Diagnosis, figures: Act) -> bool:
+def _is_worth_while(diagnosis: Diagnosis, figures: Act) -> bool:
     """Return whether a correction gains for certain, and as much as is worth the work."""
     before = figures.removes_um + figures.remains_um
-    standing = found.accuracy.standing in ("watch", "fail")
+    standing = diagnosis.accuracy.standing in ("watch", "fail")
     return figures.removes and (figures.remains_um < _WORTH * before or (standing and figures.removes_um > 0))
 
 
-def _model(found: Diagnosis) -> str:
-    return f"FOUND/{found.rig.name}.yaml"
+def _model(diagnosis: Diagnosis) -> str:
+    return f"FOUND/{diagnosis.rig.name}.yaml"
 
 
-def _measurements(found: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]) -> list[Act]:
+def _measurements(
+    diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
+) -> list[Act]:
     """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
     acts = []
-    if found.condition == "undecided":
-        parts = tuple(k for k, one in enumerate(found.budget) if one.rank == "undecided" and one.index is not None)
-        acts.append(Act("measure", "few_runs", parts=parts, runs=found.runs_to_decide))
-    for k, part in enumerate(found.budget):
-        own = found.effects[part.index] if part.index is not None else None
-        if own is not None and own.stands and any(rival.posterior * ODDS >= own.posterior for rival in own.rivals):
+    if diagnosis.condition == "undecided":
+        parts = tuple(
+            k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
+        )
+        acts.append(Act("measure", "few_runs", parts=parts, runs=diagnosis.runs_to_decide))
+    for k, part in enumerate(diagnosis.budget):
+        named = diagnosis.effects[part.index] if part.index is not None else None
+        if (
+            named is not None
+            and named.stands
+            and any(rival.posterior * ODDS >= named.posterior for rival in named.rivals)
+        ):
             planned = next(((test, cost) for place, test, cost in tests if place == k), None)
             test, cost = planned or (None, Cost())
             against = () if planned else (Against("no_place"),)
             acts.append(Act("measure", "rivals", parts=(k,), test=test, cost=cost, against=against))
-    for k, part in enumerate(found.budget):
-        if part.members or (part.index is not None and is_open(part, found.effects[part.index])):
+    for k, part in enumerate(diagnosis.budget):
+        if part.members or (part.index is not None and is_open(part, diagnosis.effects[part.index])):
             planned = next(((test, cost) for place, test, cost in tests if place == k), None)
             test, cost = planned or (None, Cost())
             against = () if planned else (Against("no_place"),)
             acts.append(Act("measure", "group", parts=(k,), test=test, cost=cost, against=against))
-    if found.condition == "outside_library":
-        parts = tuple(k for k, one in enumerate(found.budget) if one.kind == "unexplained")
+    if diagnosis.condition == "outside_library":
+        parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")
         acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
     if judged.place == "used":
         acts.append(Act("measure", "elsewhere", place="used"))
     return acts
 
 
-def _comes_first(one: Act, acts: Sequence[Act], found: Diagnosis) -> bool:
+def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement comes before every act that removes something: where nothing may be corrected, where
     too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
-    if one.why == "unexplained":
+    if measurement.why == "unexplained":
         return not any(act.kind == "load" for act in acts)
-    if one.why == "few_runs":
+    if measurement.why == "few_runs":
         return not any(act.kind == "load" and act.place != "used" for act in acts)
-    if one.why == "rivals":
-        return bool(acts) and acts[0].parts == one.parts
-    return one.why == "group" and not acts
+    if measurement.why == "rivals":
+        return bool(acts) and acts[0].parts == measurement.parts
+    return measurement.why == "group" and not acts
 
 
-def _without_act(found: Diagnosis, acts: Sequence[Act]) -> list[Act]:
+def _without_act(diagnosis: Diagnosis, acts: Sequence[Act]) -> list[Act]:
     """Return the reason for each part above a tenth of the error that no act serves."""
-    served = {k for one in acts for k in one.parts}
+    served = {k for act in acts for k in act.parts}
     reasons = []
-    for k, part in enumerate(found.budget):
+    for k, part in enumerate(diagnosis.budget):
         if part.share > LEAST_SHARE and k not in served:
-            reasons.append(Act("none", _reason(found, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um))
+            reasons.append(
+                Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
+            )
     return reasons
 
 
-def _reason(found: Diagnosis, part: BudgetPart) -> Reason:
+def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
     if part.kind == "scatter":
         return "scatter"
     if part.kind == "unexplained":
         return "unexplained"
     if part.kind in ("gauges", "clocks"):
         return "gauges"
-    if part.index is not None and found.effects[part.index].effect.compensation().use == "none":
-        return "gauges" if found.effects[part.index].effect.STAGE in ("gauge", "setup", "time") else "history"
+    if part.index is not None and diagnosis.effects[part.index].effect.compensation().use == "none":
+        return "gauges" if diagnosis.effects[part.index].effect.STAGE in ("gauge", "setup", "time") else "history"
     return "history" if part.kind in ("reversal", "warming") else "too_small"

@@ -43,10 +43,10 @@ class Weighed:
     weighted: Array
     half: Array
 
-    def products(self, other: Weighed) -> Array:
-        """Return values' C⁻¹ other, a matrix (k, l) for whitened values (N, k) and (N, l)."""
-        found: Array = self.weighted.T @ other.values - self.half.T @ other.half
-        return found
+    def products(self, right: Weighed) -> Array:
+        """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
+        products: Array = self.weighted.T @ right.values - self.half.T @ right.half
+        return products
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,15 @@ class FittedTerms:
     @cached_property
     def T(self) -> Array:  # noqa: N802 - a matrix
         """The columns (N, q)."""
-        return np.concatenate([np.empty((len(self.r), 0)), *(one.columns for one in self.responses)], axis=1)
+        return np.concatenate([np.empty((len(self.r), 0)), *(response.columns for response in self.responses)], axis=1)
 
     def best(self, normal: Array, right: Array) -> Array:
         """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
         limits hold."""
-        free, found = np.isnan(self.held), self.held.copy()
-        beside = right[free] - normal[np.ix_(free, ~free)] @ found[~free]
-        found[free] = np.linalg.solve(normal[np.ix_(free, free)], beside)
-        return found
+        free, terms = np.isnan(self.held), self.held.copy()
+        right_free = right[free] - normal[np.ix_(free, ~free)] @ terms[~free]
+        terms[free] = np.linalg.solve(normal[np.ix_(free, free)], right_free)
+        return terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +111,8 @@ class Background:
     @cached_property
     def at_mean(self) -> Array:
         """What the columns add to the whitened readings (N,) at their prior means."""
-        found: Array = self.columns.X @ self.mean
-        return found
+        added: Array = self.columns.X @ self.mean
+        return added
 
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
@@ -130,30 +130,30 @@ class Background:
 
     def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
         """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
-        parts = [self._weighed_response(one) for one in responses]
+        parts = [self._weighed_response(response) for response in responses]
         parts += [] if values is None else [self.weighed(values)]
         if len(parts) == 1:
             return parts[0]
-        own = np.empty((len(self.weight), 0))
+        empty = np.empty((len(self.weight), 0))
         return Weighed(
-            np.concatenate([own, *(one.values for one in parts)], axis=1),
-            np.concatenate([own, *(one.weighted for one in parts)], axis=1),
-            np.concatenate([np.empty((len(self.variance), 0)), *(one.half for one in parts)], axis=1),
+            np.concatenate([empty, *(part.values for part in parts)], axis=1),
+            np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
+            np.concatenate([np.empty((len(self.variance), 0)), *(part.half for part in parts)], axis=1),
         )
 
-    def _weighed_response(self, one: Response) -> Weighed:
+    def _weighed_response(self, response: Response) -> Weighed:
         """Return a response weighed."""
-        if one not in self._weighed:
-            weighted = self.weight[:, None] * one.columns
-            products = self.columns.weighted_products(one, self.weight)
-            self._weighed[one] = self._halved(one.columns, weighted, products)
-        return self._weighed[one]
+        if response not in self._weighed:
+            weighted = self.weight[:, None] * response.columns
+            products = self.columns.weighted_products(response, self.weight)
+            self._weighed[response] = self._halved(response.columns, weighted, products)
+        return self._weighed[response]
 
-    def weighed_terms(self, known: FittedTerms) -> Weighed:
+    def weighed_terms(self, terms: FittedTerms) -> Weighed:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
         ones are kept, because a state's evidence and its posterior need the same."""
-        if not self._latest or self._latest[0][0] is not known:
-            self._latest[:] = [(known, self.weighed_responses(known.responses, (known.r - self.at_mean)[:, None]))]
+        if not self._latest or self._latest[0][0] is not terms:
+            self._latest[:] = [(terms, self.weighed_responses(terms.responses, (terms.r - self.at_mean)[:, None]))]
         return self._latest[0][1]
 
     def taken(self, weighed: Weighed) -> Array:
@@ -161,8 +161,8 @@ class Background:
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
-        found: Array = self._root[:, None] * back
-        return found
+        coefficients: Array = self._root[:, None] * back
+        return coefficients
 
     @property
     def logdet(self) -> float:
@@ -175,33 +175,33 @@ class Background:
         from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
         lower, _ = dpotri(self._chol, lower=True)
-        found: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
-        found[np.diag_indices_from(found)] /= 2
-        found *= self._root[:, None]
-        found *= self._root
-        return found
+        covariance: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
+        covariance[np.diag_indices_from(covariance)] /= 2
+        covariance *= self._root[:, None]
+        covariance *= self._root
+        return covariance
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        found: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
-        return found
+        spent: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
+        return spent
 
-    def posterior(self, known: FittedTerms) -> Posterior:
+    def posterior(self, terms: FittedTerms) -> Posterior:
         """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
-        return Posterior(self, known)
+        return Posterior(self, terms)
 
-    def evidence(self, known: FittedTerms) -> float:
+    def evidence(self, terms: FittedTerms) -> float:
         """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
-        q = len(known.mean)
-        weighed = self.weighed_terms(known)
+        q = len(terms.mean)
+        weighed = self.weighed_terms(terms)
         products = weighed.products(weighed)
-        normal = products[:q, :q] + known.precision
-        right = products[:q, q] + known.precision @ known.mean
-        best = known.best(normal, right)
-        cost = products[q, q] + known.mean @ known.precision @ known.mean - (2 * right - normal @ best) @ best
-        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + self.logdet
+        normal = products[:q, :q] + terms.precision
+        right = products[:q, q] + terms.precision @ terms.mean
+        best = terms.best(normal, right)
+        cost = products[q, q] + terms.mean @ terms.precision @ terms.mean - (2 * right - normal @ best) @ best
+        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(terms.precision)[1] + self.logdet
         return -0.5 * float(cost + occam)
 
 
@@ -241,47 +241,47 @@ class Posterior:
     @cached_property
     def mean(self) -> Array:
         """The means (p,) of the columns of the background."""
-        found: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
-        return found
+        mean: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
+        return mean
 
     @cached_property
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        found: Array = np.diag(self.background.covariance) + np.sum(taken @ self.known_covariance * taken, axis=1)
-        return found
+        variance: Array = np.diag(self.background.covariance) + np.sum(taken @ self.known_covariance * taken, axis=1)
+        return variance
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
         taken = self._taken[:, :-1][columns]
-        own = self.background.covariance[columns[..., :, None], columns[..., None, :]]
-        return np.asarray(own + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+        without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
+        return np.asarray(without_terms + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
         """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
         background, in healthy sizes."""
-        own, taken = self.known_covariance[:fitted], self._taken[:columns, :-1]
-        across = -own @ taken.T
+        among_terms, taken = self.known_covariance[:fitted], self._taken[:columns, :-1]
+        across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.known_covariance @ taken.T
-        return np.asarray(np.block([[own[:, :fitted], across], [across.T, below]]), dtype=float)
+        return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
-        found: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
-        return found
+        product: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
+        return product
 
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (N,) with all coefficients at their means."""
-        found: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
-        return found
+        residual: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
+        return residual
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
-        found: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
-        return found
+        spent: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
+        return spent
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
         """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
@@ -303,22 +303,22 @@ class Posterior:
     def weighted_spent(self) -> Array:
         """The same with the weights of the readings (b,)."""
         background, columns = self.background, self.background.columns
-        found: Array = columns.weighted_spent(background.weight, background.covariance)
-        return found + np.bincount(columns.band, background.weight * self._of_terms)
+        spent: Array = columns.weighted_spent(background.weight, background.covariance)
+        return spent + np.bincount(columns.band, background.weight * self._of_terms)
 
     @cached_property
     def _of_terms(self) -> Array:
         """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
         leave of them, since they take back the rest."""
-        left = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
-        found: Array = np.sum(left @ self.known_covariance * left, axis=1)
-        return found
+        remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
+        variances: Array = np.sum(remainder @ self.known_covariance * remainder, axis=1)
+        return variances
 
     @property
     def unexplained(self) -> Array:
         """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
-        left: Array = self.terms.r - self.background.at_mean
-        return left
+        residual: Array = self.terms.r - self.background.at_mean
+        return residual
 
     @property
     def healthy_share(self) -> Array:
@@ -349,7 +349,7 @@ class Posterior:
             precision[:, np.arange(q), np.arange(q)] -= 1 / prior
             values, turn = np.linalg.eigh(precision)
             values = np.maximum(values, 0.0)
-            along, at = (np.einsum("nij,ni->nj", turn, one) for one in (eta, mean))
+            along, at = (np.einsum("nij,ni->nj", turn, vector) for vector in (eta, mean))
             seen = along**2
             usual = np.minimum(prior, usual_variance[cols]).mean(axis=1)[:, None]
             now = cavity_evidence(values, (along - values * at) ** 2, usual)
@@ -369,19 +369,19 @@ class Posterior:
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
         and the vector η (q,)."""
-        own = self.background.weighed(columns)
-        across = self._weighed.products(own)
-        known, left = across[:-1], across[-1] - self.known @ across[:-1]
-        precision: Array = own.products(own) - known.T @ self.known_covariance @ known
-        return precision, left
+        weighed = self.background.weighed(columns)
+        across = self._weighed.products(weighed)
+        with_terms, eta = across[:-1], across[-1] - self.known @ across[:-1]
+        precision: Array = weighed.products(weighed) - with_terms.T @ self.known_covariance @ with_terms
+        return precision, eta
 
     def left_of(self, columns: Array) -> Array:
         """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
-        own = self.background.weighed(columns)
-        known = self.known_covariance @ self._weighed.products(own)[:-1]
-        taken = self.background.taken(own) - self._taken[:, :-1] @ known
-        left: Array = columns - self.terms.T @ known - self.background.columns.X @ taken
-        return left
+        weighed = self.background.weighed(columns)
+        terms = self.known_covariance @ self._weighed.products(weighed)[:-1]
+        taken = self.background.taken(weighed) - self._taken[:, :-1] @ terms
+        remainder: Array = columns - self.terms.T @ terms - self.background.columns.X @ taken
+        return remainder
 
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
@@ -405,15 +405,15 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
-    found: Array = top + np.log(np.exp(each - top).mean(axis=0))
-    return found
+    evidence: Array = top + np.log(np.exp(each - top).mean(axis=0))
+    return evidence
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
     eigenvectors (…, q) and prior variance V."""
-    found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
-    return found
+    evidence: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
+    return evidence
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -426,14 +426,14 @@ def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Arra
 
 def background_terms(posterior: Posterior) -> list[Term]:
     """Return the forms of the background, each with how many times it shows on average."""
-    mean, found = posterior.mean, []
+    mean, terms = posterior.mean, []
     for form in posterior.background.columns.forms:
         for effect, column in zip(form.effects, form.columns, strict=True):
             times = float(mean[column] / form.size)
             # What a model leaves out is not written either, so that whoever reads the file has the same model.
             times = 0.0 if is_nothing(effect, times) else times
-            found.append(Term.model_construct(effect=effect, times=times, named=False))
-    return found
+            terms.append(Term.model_construct(effect=effect, times=times, named=False))
+    return terms
 
 
 def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
@@ -492,8 +492,8 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFre
     # One product with the columns of all forms takes two thirds of the time of one product for each form.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
-    own = [slice(begin, end) for begin, end in pairwise(ends)]
-    gains = [_gains(products[one, one], slope[one]) for one in own]
+    slices = [slice(begin, end) for begin, end in pairwise(ends)]
+    gains = [_gains(products[of_form, of_form], slope[of_form]) for of_form in slices]
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
     form = FreeForm(forms[k].words, strength * forms[k].columns)

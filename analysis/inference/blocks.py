@@ -34,7 +34,7 @@ from analysis.inference.observation import (
     predicted_in_scene,
     residuals_of,
 )
-from analysis.inference.setups import moved_setup, terms_of, with_effects
+from analysis.inference.setups import moved_setup, terms_of, with_effects, without_origin
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
@@ -52,10 +52,10 @@ _One = TypeVar("_One")
 
 def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
     """Return what is kept under a key, or compute it; of more than `most` the least recently used one is dropped."""
-    found = kept[key] = kept.pop(key) if key in kept else compute()
+    result = kept[key] = kept.pop(key) if key in kept else compute()
     if len(kept) > most:
         del kept[next(iter(kept))]
-    return found
+    return result
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -118,13 +118,13 @@ def entries(values: Array, sampling: Sampling | None) -> Array:
     return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
-def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> list[Block]:
-    """Return the blocks of all runs about fitted set-ups. The effects `known` are included in the model, so that the
+def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
+    """Return the blocks of all runs about fitted set-ups. The `effects` are included in the model, so that the
     residuals (N,) do not contain them."""
     groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
         groups.setdefault((run.name, targets_key(run)), []).append(run)
-    grouped = [_grouped(name, members, setups, known) for (name, _), members in groups.items()]
+    grouped = [_grouped(name, members, setups, effects) for (name, _), members in groups.items()]
     circles = [raw for raw in grouped if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     noise = circle_noise([_repeated(raw) for raw in circles], float(np.mean(grids)) if grids else 1.0)
@@ -139,10 +139,10 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: S
     ]
 
 
-def _strength_of(one: Observation) -> str:
+def _strength_of(observation: Observation) -> str:
     """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
     ball is seated in them."""
-    return test_of(one.table) if isinstance(one.table, TouchTable) else one.setup
+    return test_of(observation.table) if isinstance(observation.table, TouchTable) else observation.setup
 
 
 def targets_key(run: ObservedRun) -> bytes:
@@ -169,7 +169,7 @@ class _RepeatedRuns:
 
 
 def _grouped(
-    name: str, members: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: Sequence[Effect]
+    name: str, members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> _RepeatedRuns:
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
@@ -177,13 +177,13 @@ def _grouped(
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
-        members = [replace(run, sampling=one) for run, one in zip(members, samplings, strict=True)]
-    residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, known)]
-    vectors = [entries(left, run.sampling) for left, run in zip(residuals, members, strict=True)]
+        members = [replace(run, sampling=sampling) for run, sampling in zip(members, samplings, strict=True)]
+    residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, effects)]
+    vectors = [entries(residual, run.sampling) for residual, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
     if samplings:
-        predicted = [run.one.values - left for run, left in zip(members, residuals, strict=True)]
+        predicted = [run.one.values - residual for run, residual in zip(members, residuals, strict=True)]
         stamps = stamp_noise(samplings, [run.one.t_s for run in members], predicted)
     response = scatter_response(first.model, first.one, setups[first.one.setup])
     waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
@@ -205,10 +205,10 @@ def _repeated(raw: _RepeatedRuns) -> Repeated:
     )
 
 
-def _share_of_run(one: Observation) -> Array:
+def _share_of_run(observation: Observation) -> Array:
     """Return the share (m,) of the duration of its run at which each reading was taken."""
-    t_s = one.path.t_s
-    share: Array = (one.t_s - t_s[0]) / (t_s[-1] - t_s[0])
+    t_s = observation.path.t_s
+    share: Array = (observation.t_s - t_s[0]) / (t_s[-1] - t_s[0])
     return share
 
 
@@ -251,18 +251,18 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     )  # fmt: skip
 
 
-def _visit_numbers(one: Observation) -> Integers:
+def _visit_numbers(observation: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
-    table, keys = one.table, _visit_keys(one)
+    table, keys = observation.table, _visit_keys(observation)
     if isinstance(table, PlaceTable):
-        visit = visits(table.q[one.rows], _SAME_RAD)
+        visit = visits(table.q[observation.rows], _SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
-def _visit_keys(one: Observation) -> Integers:
+def _visit_keys(observation: Observation) -> Integers:
     """Return integers (m, k) that describe where and how each reading was taken."""
-    table, rows = one.table, one.rows
+    table, rows = observation.table, observation.rows
     if isinstance(table, RadialTable):
         return np.stack([table.target, table.orientation], axis=1)[rows]
     if isinstance(table, RepeatabilityTable):
@@ -354,8 +354,11 @@ class SimulatedBlock:
 
     def _joints(self, early: tuple[Effect, ...]) -> Scene:
         """Return the scene before joints have errors, given the effects of earlier stages."""
-        model, path = replace(self.block.model, effects=early), self.block.one.path
-        return recent(self._scenes, early, lambda: driven(model, path), _SCENES)
+
+        def compute() -> Scene:
+            return driven(replace(self.block.model, effects=early), self.block.one.path)
+
+        return recent(self._scenes, early, compute, _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
         """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
@@ -366,7 +369,7 @@ class SimulatedBlock:
             error: Array = apply([effect], "joint", joints).link_q - joints.link_q
             return error
 
-        return recent(self._errors, (early, _without_origin(effect)), compute, _ERRORS)
+        return recent(self._errors, (early, without_origin(effect)), compute, _ERRORS)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
@@ -374,8 +377,8 @@ class SimulatedBlock:
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        found: Array = values[self.block.one.samples]
-        return found
+        at_rows: Array = values[self.block.one.samples]
+        return at_rows
 
     def entries(self, readings: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) mm of the block."""
@@ -397,7 +400,7 @@ class SimulatedBlock:
             return np.zeros((len(self.block.y_mm), len(stamps)))
         early = _early((*self.block.model.effects, *self.known))
         now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
-        change = np.stack([self.at_readings(one - now) for one in later], axis=2)
+        change = np.stack([self.at_readings(error - now) for error in later], axis=2)
         return self.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def scattered(self, effect: Effect) -> Array:
@@ -407,7 +410,7 @@ class SimulatedBlock:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.known))
         moved = recent(self._moved, early, lambda: self._moment_apart(self._joints(early)), _SCENES)
-        earlier, later = (apply([effect], "joint", one).link_q - one.link_q for one in moved)
+        earlier, later = (apply([effect], "joint", scene).link_q - scene.link_q for scene in moved)
         now = self._error(early, effect)
         change = self.at_readings((earlier + later) / 2 - now)
         return self.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
@@ -420,22 +423,28 @@ class SimulatedBlock:
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
         few = [effects[begin : begin + _FEW] for begin in range(0, len(effects), _FEW)]
-        return np.concatenate([self.whitened(self._added_by(some)) for some in few], axis=1)
+        return np.concatenate([self.whitened(self._added_by(batch)) for batch in few], axis=1)
 
     def _added_by(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the readings, (m, k, p) mm."""
-        early, added = _early((*self.block.model.effects, *self.known)), np.zeros((*self.base.shape, len(effects)))
+        early = _early((*self.block.model.effects, *self.known))
+        added = np.zeros((len(effects), *self.base.shape))
         for k, effect in enumerate(effects):
             if effect.STAGE == "joint":
                 error = self._error(early, effect)
                 for axis in _turned_axes(error):
-                    added[:, :, k] += self.slopes[:, :, axis] * self.at_readings(error[:, axis])[:, None]
+                    added[k] += self._slopes_of_axes[axis] * self.at_readings(error[:, axis])[:, None]
             else:
                 times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
-                beside = (*self.known, scaled(effect, 1 / times))
-                scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
-                added[:, :, k] = times * (self.read(beside, scene, self.setup) - self.base)
-        return added
+                present = (*self.known, scaled(effect, 1 / times))
+                scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
+                added[k] = times * (self.read(present, scene, self.setup) - self.base)
+        return np.moveaxis(added, 0, 2)
+
+    @cached_property
+    def _slopes_of_axes(self) -> Array:
+        """The derivatives (axes, m, k) by each joint, those of one joint side by side in memory."""
+        return np.ascontiguousarray(np.moveaxis(self.slopes, 2, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,10 +456,10 @@ class SharedBlock(SimulatedBlock):
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        new = [one for one in dict.fromkeys(effects) if one not in self._columns]
+        new = [effect for effect in dict.fromkeys(effects) if effect not in self._columns]
         if new:
             self._columns.update(zip(new, super().columns(new).T, strict=True))
-        return np.stack([self._columns[one] for one in effects], axis=1)
+        return np.stack([self._columns[effect] for effect in effects], axis=1)
 
 
 def _turned_axes(error: Array) -> list[int]:
@@ -461,12 +470,7 @@ def _turned_axes(error: Array) -> list[int]:
 
 def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Return the effects of the stages before that of the joints."""
-    return tuple(_without_origin(effect) for effect in effects if effect.STAGE in _EARLY)
-
-
-def _without_origin(effect: Effect) -> Effect:
-    """Return the effect without its origin, which changes no reading and has no hash."""
-    return effect if effect.found is None else effect.model_copy(update={"found": None})
+    return tuple(without_origin(effect) for effect in effects if effect.STAGE in _EARLY)
 
 
 def _with(model: Model, *effects: Effect) -> Model:

@@ -76,11 +76,11 @@ class Measure:
         U = self._root[:, None] * self.linear.U
         whole = self._root * self.linear.residual(())
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
-        held = np.zeros(U.shape[1])
-        for one, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not isinstance(one.one.table, PlaceTable):
-                held[self.linear.terms[one.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
-        return U, np.linalg.pinv(U.T @ U + np.diag(held), rcond=_NO_FREEDOM, hermitian=True) @ U.T
+        precision = np.zeros(U.shape[1])
+        for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
+            if not isinstance(block.one.table, PlaceTable):
+                precision[self.linear.terms[block.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+        return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
@@ -118,23 +118,23 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     certain as the readings show it.
     """
     refined, posterior, measure = result.state.refined, result.posterior, Measure(result.linear)
-    T, known, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
-    allowed = len(refined.unknowns) + np.cumsum([0, *(one.columns.shape[1] for one in refined.departures)])
-    found = []
+    T, means, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
+    allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
+    changes = []
     for k, effect in enumerate(refined.effects):
-        own = [j for j, unknown in enumerate(refined.unknowns) if unknown.effect == k]
-        beside = list(range(int(allowed[k]), int(allowed[k + 1])))
-        change = result.contributions[k] + T[:, beside] @ known[beside]
-        columns, um = measure.of(T[:, own]), measure.um(change)
-        u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(own, own)] * columns), 0.0)))
+        parameters = [j for j, unknown in enumerate(refined.unknowns) if unknown.effect == k]
+        departures = list(range(int(allowed[k]), int(allowed[k + 1])))
+        change = result.contributions[k] + T[:, departures] @ means[departures]
+        columns, um = measure.of(T[:, parameters]), measure.um(change)
+        u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
         usual = measure.um(result.linear.columns([_usual(effect, effect.usual_times(result.built))])[:, 0])
-        found.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
-    return found
+        changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
+    return changes
 
 
 def _usual(effect: Effect, times: float) -> Effect:
     """Return the effect as an arm without a fault shows it, so many times its healthy size."""
-    expected = {one.field: one.expected for one in effect.FREE}
+    expected = {shape.field: shape.expected for shape in effect.FREE}
     return scaled(healthy(effect), times, **expected)
 
 
@@ -187,45 +187,53 @@ class _Budget:
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
         effects = self.result.state.refined.effects
         drawn = [
-            self._effect(one, place, changes[effects.index(one.effect)])
-            for place, one in enumerate(named)
-            if one.effect in effects
+            self._effect(named_effect, place, changes[effects.index(named_effect.effect)])
+            for place, named_effect in enumerate(named)
+            if named_effect.effect in effects
         ]
-        found = [one.part for one in self._without_cancelling([*drawn, *self._groups()])]
-        rest = self._unexplained()
-        scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(one.share for one in [*found, rest]))
-        for place, one in enumerate(named):
-            if one.effect not in effects:  # a vibration, whose phase is new in each run
-                share = min(one.worth_um**2 / self.whole_um2, max(scatter.share, 0.0))
-                own = BudgetPart("effect", one.worth_um, one.u_um, share, name=label_of(one.effect), odds=one.posterior)
-                found.append(replace(own, rank="unusual", index=place))
+        parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
+        unexplained = self._unexplained()
+        scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
+        for place, named_effect in enumerate(named):
+            if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
+                share = min(named_effect.worth_um**2 / self.whole_um2, max(scatter.share, 0.0))
+                vibration = BudgetPart(
+                    "effect",
+                    named_effect.worth_um,
+                    named_effect.u_um,
+                    share,
+                    name=label_of(named_effect.effect),
+                    odds=named_effect.posterior,
+                )
+                parts.append(replace(vibration, rank="unusual", index=place))
                 scatter = replace(scatter, share=scatter.share - share)
-        return sorted([*found, rest, scatter], key=lambda one: -one.share)
+        return sorted([*parts, unexplained, scatter], key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
         """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
         kept = list(drawn)
-        while kept and (least := min(kept, key=lambda one: one.part.share)).part.share < -_CANCELS:
-            others = [one for one in kept if one is not least]
+        while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
+            others = [line for line in kept if line is not least]
             if not others:
                 break
-            other = min(others, key=lambda one: float(one.vector @ least.vector))
-            vector = other.vector + least.vector
+            partner = min(others, key=lambda line: float(line.vector @ least.vector))
+            vector = partner.vector + least.vector
             both = replace(
-                other.part, um=float(np.linalg.norm(vector)), u_um=max(other.part.u_um, least.part.u_um),
-                share=self.share(vector), cancelled=(*other.part.cancelled, least.part.label, *least.part.cancelled),
+                partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
+                share=self.share(vector), cancelled=(*partner.part.cancelled, least.part.label, *least.part.cancelled),
             )  # fmt: skip
-            kept = [_Drawn(both, vector) if one is other else one for one in others]
+            kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept
 
-    def _effect(self, one: Named, place: int, change: EffectChange) -> _Drawn:
+    def _effect(self, named: Named, place: int, change: EffectChange) -> _Drawn:
         vector = self.measure.of(change.change)
         part = BudgetPart("effect", change.um, change.u_um, self.share(vector))
-        found = replace(
-            part, axis=getattr(one.effect, "axis", None), name=label_of(one.effect), times_usual=change.times_usual,
-            rank=_rank(one, change), odds=one.posterior, held_out_gain=one.held_out_gain, doubt=one.doubt, index=place,
+        ranked = replace(
+            part, axis=getattr(named.effect, "axis", None), name=label_of(named.effect), times_usual=change.times_usual,
+            rank=_rank(named, change), odds=named.posterior, held_out_gain=named.held_out_gain, doubt=named.doubt,
+            index=place,
         )  # fmt: skip
-        return _Drawn(found, vector)
+        return _Drawn(ranked, vector)
 
     def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
@@ -233,22 +241,22 @@ class _Budget:
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
             groups.setdefault(group_of(form.effects[0]), []).append(form)
-        found = []
+        drawn = []
         for (kind, axis), forms in groups.items():
-            own = np.array([column for form in forms for column in form.columns])
-            moved = self.measure.of(columns.X[:, own])
-            vector = moved @ posterior.mean[own]
+            indices = np.array([column for form in forms for column in form.columns])
+            moved = self.measure.of(columns.X[:, indices])
+            vector = moved @ posterior.mean[indices]
             gram = moved.T @ moved
-            u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(own)), 0.0)))
+            u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(indices)), 0.0)))
             times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
-            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[own] * times**2)))
+            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[indices] * times**2)))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > 0 else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
-            found.append(_Drawn(part, vector))
-        return found
+            drawn.append(_Drawn(part, vector))
+        return drawn
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
         """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
@@ -265,17 +273,17 @@ class _Budget:
         odds = np.exp(evidence - evidence.max())
         odds /= odds.sum()
         kept = [forms[k] for k in best.values()]
-        found = [
-            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(one))
-            for form, one in zip(kept, odds[1:], strict=True)
+        members = [
+            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(likely))
+            for form, likely in zip(kept, odds[1:], strict=True)
         ]
-        return tuple(sorted(found, key=lambda one: -one.odds)[:_MOST_MEMBERS])
+        return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
 
     def _um_of(self, form: Form) -> float:
         """Return what a form does in µm, at the size that it has among the small terms."""
-        own = list(form.columns)
-        columns = self.result.selection.columns.X[:, own]
-        return self.measure.um(columns @ self.result.posterior.mean[own])
+        indices = list(form.columns)
+        columns = self.result.selection.columns.X[:, indices]
+        return self.measure.um(columns @ self.result.posterior.mean[indices])
 
     def _unexplained(self) -> BudgetPart:
         """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""
@@ -297,10 +305,10 @@ class _Budget:
         return float(np.sqrt(inside**2 + self._apart_um2))
 
 
-def _rank(one: Named, change: EffectChange) -> Rank:
-    if one.stands:
+def _rank(named: Named, change: EffectChange) -> Rank:
+    if named.stands:
         return "unusual"
-    if one.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
+    if named.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
         return "undecided"
     return "usual"
 
@@ -331,7 +339,7 @@ class SizesBySetUp:
     def shares(self) -> tuple[Share, ...]:
         """Return the share that each set-up shows, with its standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
-        return tuple(Share(*one) for one in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
+        return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
 
     def birge_ratio(self) -> float:
         """Return the factor by which the uncertainties of the name are larger than the noise of the readings explains,
@@ -365,22 +373,22 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
         columns[rows, column] = change[rows]
     precision, slope = _beside_size(result, k).cavity(columns)
     covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
-    own = slice(len(shown))
-    return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[own], covariance[own, own])
+    of_shown = slice(len(shown))
+    return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
 
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
     """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
-    refined, known = result.state.refined, result.state.refined.known
-    own = size_field(refined.effects[k])
-    kept = np.ones(len(known.mean), dtype=bool)
-    kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
-    precision = known.precision[np.ix_(kept, kept)]
+    refined, fitted = result.state.refined, result.state.refined.known
+    field = size_field(refined.effects[k])
+    kept = np.ones(len(fitted.mean), dtype=bool)
+    kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]
+    precision = fitted.precision[np.ix_(kept, kept)]
     terms = replace(
-        known,
-        responses=(Response(known.T[:, kept]),),
+        fitted,
+        responses=(Response(fitted.T[:, kept]),),
         precision=precision,
-        mean=known.mean[kept],
-        held=known.held[kept],
+        mean=fitted.mean[kept],
+        held=fitted.held[kept],
     )
     return Posterior(result.posterior.background, terms)

@@ -58,25 +58,17 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
     places = [forms for cls in VOCABULARY.values() for forms in cls.forms(scope)]
     plays = [healthy(form) for forms in places for form in forms if is_play(form)]
     sigmas = iter(np.linalg.norm(linear.columns(plays), axis=0))
-    found = []
+    candidates = []
     for forms in places:
         for form in forms:
-            sizes = _widths(float(next(sigmas))) if is_play(form) else [min(1.0, form.STRAIGHT)]
-            found += [_candidate(form, size) for size in sizes]
-    return found
-
-
-def _candidate(form: Effect, size: float) -> Candidate:
-    """Return the candidate of a form at `size` of its healthy size."""
-    whole = scaled(healthy(form), size)
-    shaped = tuple(whole.model_copy(update={free.field: free.tried}) for free in form.FREE if free.tried is not None)
-    return Candidate(name_of(form), phases(whole), shaped, size)
-
-
-def _widths(sigma: float) -> list[float]:
-    """Return the widths of a play to try, in healthy widths, given the sigmas of a healthy one. The response to a play
-    depends on its width."""
-    return sorted({min(1.0, _PLAY_SIGMA / max(sigma, 1e-9)), *_PLAYS})
+            sizes = [min(1.0, form.STRAIGHT)]
+            if is_play(form):  # its response depends on its width
+                sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
+            tried = [{free.field: free.tried} for free in form.FREE if free.tried is not None]
+            for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
+                shaped = tuple(whole.model_copy(update=shape) for shape in tried)
+                candidates.append(Candidate(name_of(form), phases(whole), shaped, size))
+    return candidates
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
@@ -121,12 +113,13 @@ _PARTS = 16
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
     deviations of the noise."""
-    own = effect.departures()
-    parts = [_shares(linear, own.beside)]
-    parts += [_initial_play(linear, *own.gap, _PARTS)] if own.gap else []
-    parts += [_reversal_shifts(linear, *own.jolt)] if own.jolt else []
-    parts += [_stick_columns(linear, *own.stick)] if own.stick else []
-    parts += [_fading_columns(linear, effect)] if own.fades else []
+    departures = effect.departures()
+    parts = [_shares(linear, departures.beside)]
+    parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
+    parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
+    parts += [_stick_columns(linear, *departures.stick)] if departures.stick else []
+    # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
+    parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
     parts += [_late_columns(linear, effect)] if effect.STAGE == "joint" else []
     return np.concatenate(parts, axis=1)
 
@@ -153,7 +146,7 @@ def fewest_columns(columns: Array) -> Array:
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """Return columns (N, b), one standard deviation each, for the unknown position in their play of the effects' joints
     before each run began."""
-    gaps = [one.gap for one in (effect.departures() for effect in effects) if one.gap]
+    gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
@@ -204,38 +197,30 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
     """Return a column (N,) for each reversal of a joint in each circle, as (N, j): how much more is left of an effect
     that fades in fades_s (s) if it began later."""
     columns = [np.empty((len(linear.y), 0))]
-    for one, rows in zip(linear.simulated, linear.rows, strict=True):
-        if not one.block.sampling:
+    for simulated, rows in zip(linear.simulated, linear.rows, strict=True):
+        if not simulated.block.sampling:
             continue
-        path = one.block.one.path
+        path = simulated.block.one.path
         turns = [when for when, _ in path.motion.reversals(axis)]
         if not turns:
             continue
         since = np.subtract.outer(path.t_s, turns)
         later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
         more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
-        own = np.zeros((len(linear.y), since.shape[1]))
-        own[rows] = one.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
-        columns.append(own)
+        faded = np.zeros((len(linear.y), since.shape[1]))
+        faded[rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
+        columns.append(faded)
     return np.concatenate(columns, axis=1)
 
 
 def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
-    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached
-    the target.
-    """
+    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached it."""
     read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-    off = linear.at_entries([one * off_mm / block.sd_mm for one, block in zip(read, linear.blocks, strict=True)])
+    off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in zip(read, linear.blocks, strict=True)])
     targets = np.flatnonzero(off)
     columns = np.zeros((len(off), len(targets)))
     columns[targets, np.arange(len(targets))] = off[targets]
     return columns
-
-
-def _fading_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return a column (N,) for each block of targets, as (N, t): what is left there of an effect that fades while the
-    robot stands may be anything between nothing and twice as much."""
-    return _apart(linear, linear.columns([effect]), sampling=False)
 
 
 def _late_columns(linear: Linearisation, effect: Effect) -> Array:
@@ -261,9 +246,9 @@ def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         if bool(block.sampling) == sampling:
-            own = np.zeros_like(whole)
-            own[rows] = whole[rows]
-            columns.append(_that_change(own))
+            apart = np.zeros_like(whole)
+            apart[rows] = whole[rows]
+            columns.append(_that_change(apart))
     return np.concatenate(columns, axis=1)
 
 
@@ -361,8 +346,8 @@ class Columns:
     def name_of_column(self) -> NDArray[np.int64]:
         """The index (p,) of the name of each column, and -1 for those that are not of a form."""
         numbers = {name: k for k, name in enumerate(self.among)}
-        own = [numbers[form.name] for form in self.forms for _ in form.columns]
-        return np.array(own + [-1] * (self.X.shape[1] - len(own)), dtype=np.int64)
+        of_forms = [numbers[form.name] for form in self.forms for _ in form.columns]
+        return np.array(of_forms + [-1] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
 
     @cached_property
     def curves(self) -> CurveColumns:
@@ -393,8 +378,8 @@ class Columns:
     @cached_property
     def gram(self) -> Array:
         """The products (p, p) of the whitened columns over all bands."""
-        found: Array = self.K.sum(axis=0)
-        return found
+        gram: Array = self.K.sum(axis=0)
+        return gram
 
     def weighted_gram(self, weight: Array) -> Array:
         """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
@@ -410,19 +395,19 @@ class Columns:
         """Return the energy of each band (b,), weighted by weights (N,), that a covariance (p, p) of the coefficients
         hides."""
         equal, uneven = self._by_band(weight)
-        found: Array = equal * np.tensordot(self.K, covariance, axes=2)
+        spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
         for band in uneven:
-            found[band] = np.vdot(self._uneven_gram(band, weight), covariance)
-        return found
+            spent[band] = np.vdot(self._uneven_gram(band, weight), covariance)
+        return spent
 
     def _uneven_gram(self, band: int, weight: Array) -> Array:
         """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,), which are
         kept: a search for the strength of the noise changes all weights of a band alike."""
-        own = weight[self.rows[band]]
-        shape = np.round(own / own.max(), _WEIGHT_DIGITS)
+        weights = weight[self.rows[band]]
+        shape = np.round(weights / weights.max(), _WEIGHT_DIGITS)
         part = np.sqrt(shape)[:, None] * self.parts[band]
         gram = recent(self._uneven, (band, shape.tobytes()), lambda: part.T @ part, _UNEVEN)
-        return np.asarray(own.max() * gram, dtype=float)
+        return np.asarray(weights.max() * gram, dtype=float)
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
         """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
@@ -431,18 +416,18 @@ class Columns:
             both = zip(self.rows, self.parts, strict=True)
             self._products[response] = np.stack([response.columns[rows].T @ part for rows, part in both])
         equal, uneven = self._by_band(weight)
-        found: Array = np.tensordot(equal, self._products[response], axes=1)
+        products: Array = np.tensordot(equal, self._products[response], axes=1)
         for band in uneven:
             rows = self.rows[band]
-            found += (weight[rows, None] * response.columns[rows]).T @ self.parts[band]
-        return found
+            products += (weight[rows, None] * response.columns[rows]).T @ self.parts[band]
+        return products
 
     def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
         """Return the weight (b,) of each band whose readings have equal weights (N,), zero for the others, and the
         numbers of these."""
         each = [weight[rows] for rows in self.rows]
-        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
-        return equal, [band for band, own in enumerate(each) if np.ptp(own) > 0]
+        equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
+        return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
 
     def variance(self, level: float, curves: JointCurves | None = None) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
@@ -453,8 +438,8 @@ class Columns:
         return variance
 
     def usual_variance(self, level: float) -> Array:
-        """Return the largest variance (p,) that is usual of the coefficients at a level: that of a healthy arm for the
-        constants that have widths of their own, and no limit for all others.
+        """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:
+        that of a healthy arm for the constants that have widths of their own, and no limit for all others.
 
         A width that has only one large constant to go by is as large as that, and would make any fault usual.
         """
@@ -473,12 +458,12 @@ class Columns:
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
     """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
     every = in_each_shape(candidates)
-    sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
-    columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
+    sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
+    columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
     not_seen, kept, columns = _detectable(every, columns)
     forms = forms_of(kept)
     # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
-    plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
+    plays = [healthy(candidate.effect) for candidate in candidates if is_play(candidate.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
     present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
     random = np.concatenate([linear.Z, linear.stamps, begins], axis=1)
@@ -501,35 +486,39 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
     """Return the names that no fault size makes visible, the forms that are visible, and the columns (N, p) of these
     forms."""
-    widths = [len(one.effects) for one in every]
+    widths = [len(candidate.effects) for candidate in every]
     sigma = LARGEST_FAULT * np.linalg.norm(columns, axis=0)
-    shows = [bool(own.max() > _DETECTABLE_SIGMA) for own in np.split(sigma, np.cumsum(widths)[:-1])]
-    kept = [one for one, there in zip(every, shows, strict=True) if there]
-    names = {one.name for one in kept}
-    hidden = tuple(dict.fromkeys(one.name for one in every if one.name not in names))
+    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
+    kept = [candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown]
+    names = {candidate.name for candidate in kept}
+    hidden = tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in names))
     return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
-    return [form for one in candidates for form in (one, *(replace(one, effects=(own,)) for own in one.shaped))]
+    return [
+        form
+        for candidate in candidates
+        for form in (candidate, *(replace(candidate, effects=(shape,)) for shape in candidate.shaped))
+    ]
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among = Counter(one.name for one in every)
-    ends = np.cumsum([len(one.effects) for one in every]).tolist()
+    among = Counter(form.name for form in every)
+    ends = np.cumsum([len(form.effects) for form in every]).tolist()
     return tuple(
-        Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), among[one.name])
-        for one, end in zip(every, ends, strict=True)
+        Form(form.name, form.effects, form.size, tuple(range(end - len(form.effects), end)), among[form.name])
+        for form, end in zip(every, ends, strict=True)
     )
 
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
     """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
     distributed over its forms. The model contains the names `present` already."""
-    whole = np.array([1 - _MEAN**2 if _is_magnitude(one, present) else 1.0 for one in forms])
-    width = np.array([len(one.columns) for one in forms], dtype=np.int64)
+    whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
+    width = np.array([len(form.columns) for form in forms], dtype=np.int64)
     shares: Array = np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width)
     return shares
 
@@ -542,21 +531,21 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     as numbers of teeth are, so the wave takes what one order is of those that its nearest form stands for.
     """
     name = name_of(effect)
-    keeps = np.array([one.name != name for one in forms], dtype=float)
-    own = np.flatnonzero(keeps == 0)
-    orders = np.array([order_of(forms[k].effects[0]) for k in own.tolist()])
+    keeps = np.array([form.name != name for form in forms], dtype=float)
+    indices = np.flatnonzero(keeps == 0)
+    orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
     if _is_ordered(orders):
         width, k = np.gradient(np.sort(orders)), int(np.argmin(np.abs(orders - order_of(effect))))
-        keeps[own] = 1.0
-        keeps[own[k]] = 1 - min(1.0, 1 / float(width[np.searchsorted(np.sort(orders), orders[k])]))
+        keeps[indices] = 1.0
+        keeps[indices[k]] = 1 - min(1.0, 1 / float(width[np.searchsorted(np.sort(orders), orders[k])]))
     return keeps
 
 
 def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
     """Return the same for each of `count` columns (p,), of which those after the forms keep everything."""
     shares = np.ones(count)
-    own = np.repeat(shares_beside(forms, effect), [len(one.columns) for one in forms])
-    shares[: len(own)] = own
+    of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
+    shares[: len(of_forms)] = of_forms
     return shares
 
 
@@ -577,13 +566,13 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
     order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
     form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
     """
-    likely, names = np.ones(len(forms)), np.array([one.name for one in forms])
+    likely, names = np.ones(len(forms)), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
-        own = np.flatnonzero(names == name)
-        orders = np.array([order_of(forms[k].effects[0]) for k in own.tolist()])
+        indices = np.flatnonzero(names == name)
+        orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
         if _is_ordered(orders):
-            likely[own[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
-        likely[own] /= likely[own].sum()
+            likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
+        likely[indices] /= likely[indices].sum()
     return likely
 
 
@@ -595,14 +584,14 @@ def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array
     beside those of a healthy arm came out smaller by their mean. A name has its mean in its expected shape at a healthy
     size: a play's response is not proportional to its width.
     """
-    means = np.zeros(sum(len(one.columns) for one in forms))
+    means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}
-    for one in forms:  # those in other shapes come after the expected one
-        if one.name not in nearest or abs(np.log(one.size)) < abs(np.log(nearest[one.name].size)):
-            nearest[one.name] = one
-    for one in nearest.values():
-        if _is_magnitude(one, present):
-            means[list(one.columns)] = _MEAN
+    for form in forms:  # those in other shapes come after the expected one
+        if form.name not in nearest or abs(np.log(form.size)) < abs(np.log(nearest[form.name].size)):
+            nearest[form.name] = form
+    for form in nearest.values():
+        if _is_magnitude(form, present):
+            means[list(form.columns)] = _MEAN
     return means
 
 

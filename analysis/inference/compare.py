@@ -97,9 +97,11 @@ class Compared(Tabular):
 
     def to_table(self) -> pa.Table:
         """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
-        objects = [one.to_dict() for one in self.runs]
+        objects = [comparison.to_dict() for comparison in self.runs]
         rows = [
-            {"run": one["run"], "figure": name, **figure} for one in objects for name, figure in one["figures"].items()
+            {"run": entry["run"], "figure": name, **figure}
+            for entry in objects
+            for name, figure in entry["figures"].items()
         ]
         return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
 
@@ -108,8 +110,8 @@ class Compared(Tabular):
         setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
         plain: dict[str, Any] = for_json(
             {
-                "runs": [one.to_dict() for one in self.runs],
-                "poses": [asdict(one) for one in self.poses],
+                "runs": [comparison.to_dict() for comparison in self.runs],
+                "poses": [asdict(pose) for pose in self.poses],
                 "setup": setups,
                 "doubts": self.doubts,
                 **(self.disagreement.to_dict() if self.disagreement else {}),
@@ -120,9 +122,16 @@ class Compared(Tabular):
 
 def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
     """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
-    one set-up; `unseen` runs, of another place or radius, have set-ups of their own. Raises FileError."""
+    one set-up; so do `unseen` runs, of another place or radius, among themselves. Raises FileError."""
     parts = [_compared(runs, rig, "")] if runs else []
-    parts += [_compared([run], run.rig.modelled_as(rig), " at the unseen place") for run in unseen]
+    places: list[tuple[Rig, list[Measured]]] = []
+    for run in unseen:
+        model = run.rig.modelled_as(rig)
+        runs_there = next((its_runs for its_model, its_runs in places if its_model == model), None)
+        if runs_there is None:
+            places.append((model, runs_there := []))
+        runs_there.append(run)
+    parts += [_compared(runs_there, model, " at the unseen place") for model, runs_there in places]
     setups: dict[str, SetUp] = {}
     for part in parts:
         setups |= part.setups
@@ -139,24 +148,34 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     model = model_of(rig)
     for run in runs:
         hold_targets(run.table, rig, str(run.path))
-    pieces = [(run, one) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for one in by_socket(whole)]
+    pieces = [
+        (run, observation)
+        for run, whole in zip(runs, observe_runs(rig, runs), strict=True)
+        for observation in by_socket(whole)
+    ]
     runs = [run for run, _ in pieces]
     names = [run.run.manifest.name for run in runs]
-    observations, doubts = split_by_frame(model, [one for _, one in pieces], names)
+    observations, doubts = split_by_frame(model, [observation for _, observation in pieces], names)
     observations, of_targets = split_by_target(model, observations, names)
     doubts += of_targets
-    for name, one in zip(names, observations, strict=True):
-        doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
-    placed = fit_setups([(model, one) for one in observations])
+    for name, observation in zip(names, observations, strict=True):
+        doubts += outside_effect_coverage(
+            rig.effects, observation.table.q[observation.rows], f"{name}, an effect of the rig file"
+        )
+    placed = fit_setups([(model, observation) for observation in observations])
     comparisons, poses = [], []
-    for run, one, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
+    for run, observation, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
         if isinstance(run.table, PlaceTable):
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
-            comparisons.append(_one(run, model, placed[one.setup], one.rows, residual))
-    setups = {f"{one.setup}{where}": placed[one.setup] for one in observations if not isinstance(one.table, PlaceTable)}
+            comparisons.append(_one(run, model, placed[observation.setup], observation.rows, residual))
+    setups = {
+        f"{observation.setup}{where}": placed[observation.setup]
+        for observation in observations
+        if not isinstance(observation.table, PlaceTable)
+    }
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
@@ -184,14 +203,14 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     )
 
 
-def curve(found: Evaluated) -> tuple[Array, Array, str]:
+def curve(result: Evaluated) -> tuple[Array, Array, str]:
     """Return the curve of a result that is compared: positions (n,), values (n,), and their unit."""
-    match found:
+    match result:
         case CircleResult():
-            return np.degrees(PHI), np.degrees(found.residual), "deg"
+            return np.degrees(PHI), np.degrees(result.residual), "deg"
         case RadialResult():
-            return found.cells.target.astype(float), found.deviation_mm, "mm"
+            return result.cells.target.astype(float), result.deviation_mm, "mm"
         case RepeatabilityResult():
-            mean = np.nanmean(found.readings_mm, axis=2)
+            mean = np.nanmean(result.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
     raise TypeError("poses have no gauges to compare")

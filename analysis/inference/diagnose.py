@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -18,16 +19,16 @@ from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
-from analysis.inference.plan import possible_tests, separating
+from analysis.inference.plan import FurtherTests, possible_tests, separating
 from analysis.inference.prepared_runs import prepare_runs, without_wild
 from analysis.inference.refine import size_limits
 from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
-from analysis.inference.setups import fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.setups import FittedRuns, fit_run_setups, terms_of, with_effects, without_a_fold
 from analysis.inference.stepwise import staircase_of
-from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, left_um, stages_of, widening
+from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, stages_of, widening
 from analysis.inference.verdict import (
     Gaps,
     accuracy_of,
@@ -66,9 +67,11 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
         doubts.append("no circle was repeated: the noise of real cells is assumed; repeat each circle")
-    alone = [block.name for block in circles if block.measured and block.count < 2]
-    if alone:
-        doubts.append(f"{', '.join(alone)} was driven once: its noise is assumed equal to that of the other circles")
+    driven_once = [block.name for block in circles if block.measured and block.count < 2]
+    if driven_once:
+        doubts.append(
+            f"{', '.join(driven_once)} was driven once: its noise is assumed equal to that of the other circles"
+        )
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
     touched = [block for block in unrepeated if isinstance(block.one.table, TouchTable)]
     once = dict.fromkeys(block.name for block in unrepeated if block not in touched)
@@ -96,7 +99,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        sides = any(isinstance(one := block.one.table, TouchTable) and one.came_from is not None for block in blocks)
+        sides = any(
+            isinstance(touches := block.one.table, TouchTable) and touches.came_from is not None for block in blocks
+        )
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
@@ -105,25 +110,27 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     """Return a message for each name that stands whose size ended at the limit of fits."""
     doubts = []
-    for one in names:
-        size = float(getattr(one.effect, size_field(one.effect)))
-        if one.stands and any(limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(one.effect)):
+    for named in names:
+        size = float(getattr(named.effect, size_field(named.effect)))
+        if named.stands and any(
+            limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(named.effect)
+        ):
             doubts.append(
-                f"{label_of(one.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
+                f"{label_of(named.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
                 "file, the cables of the gauges and the placements, and diagnose again"
             )
     return tuple(doubts)
 
 
-def doubts_of_rig(rig: Rig, runs: Sequence[ObservedRun]) -> tuple[str, ...]:
+def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
     """Return a message for each effect of the rig file without which the model fits the readings better."""
     if not rig.effects:
         return ()
-    whole = rms(fit_run_setups(runs)[1])
+    whole = rms(fitted.beside(())[1])
     doubts = []
     for k, effect in enumerate(rig.effects):
         bare = (*rig.effects[:k], *rig.effects[k + 1 :])
-        without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in runs])[1])
+        without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in fitted.runs])[1])
         if without < _BETTER * whole:
             doubts.append(
                 f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
@@ -171,50 +178,51 @@ def diagnose(
     judges, wild_judges = without_wild(judges, effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
-    stages = stages_of(sound, result)
+    fitted = FittedRuns(sound)
+    stages = stages_of(fitted, result)
     whole = _gaps(judged_runs, stages, result)
     if whole.names_do_better:
         stages = stages.names_alone()
     gaps = _gaps(judged_runs, stages, result) if whole.names_do_better else whole
     changes = effect_changes(result)
-    named = named_effects(result, sound, held_out_gains(result, judges), changes)
+    named = named_effects(result, fitted, held_out_gains(result, judges), changes)
     named = without_useless(named, gaps.train)
     at_limits = doubts_of_limits(named)
     named += _vibrations(result, runs, gaps.train) if given is None else []
-    named = [
-        replace(one, alone_um=left_um(sound, sound, [one.effect])) if one.stands or given else one for one in named
-    ]
-    named.sort(key=lambda one: (not one.stands, -one.worth_um))
+    named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
+    named.sort(key=lambda name: (not name.stands, -name.worth_um))
     early = early_readings(result)
     judged = accuracy_of(gaps, *(standing_of(rig, used) if tolerance_um is None else (None, None)), tolerance_um)
-    found = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
-    found = replace(found, given=given is not None)
-    written = [one.effect for one in found.written]
+    diagnosis = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
+    diagnosis = replace(diagnosis, given=given is not None)
+    written = [name.effect for name in diagnosis.written]
     wider = widening(judges, stages, result)
-    said = judged_of(found, whole, gaps)
-    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, said)
-    found = replace(found, calibrated=calibrated)
-    found = replace(found, staircase=staircase_of(found, result, stages, sound, judges, elsewhere))
+    verdict = judged_of(diagnosis, whole, gaps)
+    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, verdict)
+    diagnosis = replace(diagnosis, calibrated=calibrated)
+    diagnosis = replace(diagnosis, staircase=staircase_of(diagnosis, result, stages, sound, judges, elsewhere))
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
-    doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, sound)]
-    if found.condition == "ambiguous":
+    doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, fitted)]
+    kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+    linear = result.linear
+    further = cache(partial(possible_tests, rig, kinds, linear.blocks, linear.setups, result.state.level))
+    if diagnosis.condition == "ambiguous":
         progress("choosing a test that separates the rivals")
-        next_test, doubt = _next_test(rig, named, used, result)
-        found, doubts = replace(found, next_test=next_test), doubts + doubt
-    place = JudgedPlace(judged.place, sound, elsewhere or judges or sound, stages, gaps.judged)
-    if found.condition not in ("not_testable_here", "undecided") and given is None:
-        kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
-        tests = naming_tests(rig, kinds, result, found.budget, named, (sound, elsewhere))
-    else:
-        tests = []
-    found = replace(found, acts=acts_of(found, place, tests, _before(used) if early else ()))
-    return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+        next_test, doubt = _next_test(named, further)
+        diagnosis, doubts = replace(diagnosis, next_test=next_test), doubts + doubt
+    place = JudgedPlace(judged.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
+    asks = diagnosis.condition not in ("not_testable_here", "undecided") and given is None
+    tests = naming_tests(further, result, diagnosis.budget, named, (sound, elsewhere)) if asks else []
+    diagnosis = replace(diagnosis, acts=acts_of(diagnosis, place, tests, _before(used) if early else ()))
+    return replace(diagnosis, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
 
 
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
     tables = [run.run.table for run in used if isinstance(run.table, PoseTable)]
-    return (EARLY_COMMANDED if any(one is not None and COMMANDED[0] in one.column_names for one in tables) else EARLY,)
+    return (
+        EARLY_COMMANDED if any(table is not None and COMMANDED[0] in table.column_names for table in tables) else EARLY,
+    )
 
 
 def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:
@@ -226,12 +234,12 @@ def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages:
 
 def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
     """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
-    found = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
-    if found is None:
+    vibration = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    if vibration is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, None, found.scatter_um)
-    return named_vibration(found, limits[circles], train.after_um)
+    limits = limits_um(result.linear, None, vibration.scatter_um)
+    return named_vibration(vibration, limits[circles], train.after_um)
 
 
 def _diagnosis_of(
@@ -252,7 +260,9 @@ def _diagnosis_of(
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     measure = Measure(linear)
-    drawn = [linear.in_mm(measure.without_set_up(linear.residual(one))) for one in ((), result.state.refined.effects)]
+    drawn = [
+        linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.state.refined.effects)
+    ]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
         condition=condition,
@@ -269,7 +279,7 @@ def _diagnosis_of(
         unseen=gaps.unseen,
         left=bands_above_noise(linear.blocks, result.posterior.residual),
         setups=linear.setups,
-        groups=tuple(_group(one) for one in ambiguous_names(named) if one.rivals),
+        groups=tuple(_group(name) for name in ambiguous_names(named) if name.rivals),
         not_testable=result.selection.not_testable(result.state, result.posterior),
         next_test=None,
         repeated=all(block.measured for block in linear.blocks),
@@ -292,18 +302,15 @@ def _names(runs: Sequence[Measured]) -> list[str]:
     return [run.run.manifest.name for run in runs]
 
 
-def _next_test(
-    rig: Rig, named: Sequence[Named], used: Sequence[Measured], result: SearchResult
-) -> tuple[NextTest | None, list[str]]:
+def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
     """Return the test that, beside the existing runs, best separates the first ambiguous name from its closest rival;
     otherwise a doubt."""
-    one = next((one for one in ambiguous_names(named) if one.rivals), None)
-    if one is None:
+    name = next((name for name in ambiguous_names(named) if name.rivals), None)
+    if name is None:
         return None, []
-    tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
-    rivals, linear = (one.effect, one.rivals[0].effect), result.linear
+    rivals = (name.effect, name.rivals[0].effect)
     try:
-        possible, impossible = possible_tests(rig, tests, linear.blocks, linear.setups, result.state.level)
+        possible, impossible = further()
     except FileError as error:
         return None, [f"no further test is possible with this rig file: {error}"]
     candidates = separating(possible, rivals)
@@ -312,10 +319,10 @@ def _next_test(
         return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
     if not is_separable(candidates[0].sigma):
         return None, [
-            f"no other test separates {name_of(one.effect)} from its rivals: their corrections have the same effect"
+            f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"
         ]
     return NextTest(candidates[0].test, candidates[0].why, candidates[0].sigma), []
 
 
-def _group(one: Named) -> tuple[str, ...]:
-    return (name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals))
+def _group(name: Named) -> tuple[str, ...]:
+    return (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))

@@ -60,14 +60,14 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     """Return where the model of a rig and runs, of (m, k) mm, disagree; those of an unseen place have set-ups of their
     own. Raises FileError for runs that cannot be looked at together."""
     parts, _ = prepare_runs(rig, used, unseen)
-    runs, elsewhere = ([replace(one, model=replace(one.model, effects=())) for one in part] for part in parts)
+    runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
     groups = _groups(rig, linear)
-    models = [tuple(one for _, group in groups[:k] for one in group) for k in range(len(groups) + 1)]
+    models = [tuple(effect for _, group in groups[:k] for effect in group) for k in range(len(groups) + 1)]
     curves, maps = drawn(linear, models)
-    measure, ends = Measure(linear), [linear.residual(one) for one in (models[0], models[-1])]
-    before, after = (linear.in_mm(measure.without_set_up(one)) for one in ends)
+    measure, ends = Measure(linear), [linear.residual(effects) for effects in (models[0], models[-1])]
+    before, after = (linear.in_mm(measure.without_set_up(end)) for end in ends)
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
     staircase = Staircase(_steps(groups, models, (runs, elsewhere), floor_um), curves, maps) if groups else None
     return Disagreement(
@@ -84,7 +84,7 @@ def _groups(rig: Rig, linear: Linearisation) -> list[tuple[int, tuple[Effect, ..
     """Return the effects of the rig file, those first that change the readings most, and then what its calibration
     holds beside them, each with its place."""
     measure = Measure(linear)
-    size = [measure.um(linear.columns([one])[:, 0]) for one in rig.effects]
+    size = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
     order = sorted(range(len(size)), key=lambda k: -size[k])
     calibrated = rig.calibrated.effects if rig.calibrated else ()
     return [*((k, (rig.effects[k],)) for k in order), *([(len(size), tuple(calibrated))] if calibrated else [])]
@@ -96,7 +96,7 @@ def _steps(
     runs: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
     floor_um: float,
 ) -> tuple[Step, ...]:
-    u_um = [floor_um / np.sqrt(max(len(one), 1)) for one in runs]
+    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in runs]
     steps = []
     for k, left_um in enumerate(left_um_of(models, runs)):
         used, unseen = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))

@@ -92,18 +92,18 @@ class FormPosterior:
             return float("inf")
         shares = shares_beside(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
-        own = list(self.forms[k].columns)
-        known = np.linalg.eigvalsh(self._cavity(taken, own))
-        return float(np.sqrt(np.mean(1 / np.maximum(known, 1e-12) + shares[k] * self.variance[own])))
+        columns = list(self.forms[k].columns)
+        precision = np.linalg.eigvalsh(self._cavity(taken, columns))
+        return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
 
     def _cavity(self, columns: Sequence[int], asked: Sequence[int]) -> Array:
         """Return the precision (q, q) that the readings give the columns `asked`, which are among `columns`, beside
         everything except `columns`."""
-        here = list(columns)
-        inverse = np.asarray(np.linalg.inv(self.A[np.ix_(here, here)]), dtype=float)
-        precision: Array = inverse - np.diag(1 / self.variance[here])
-        own = [here.index(column) for column in asked]
-        return precision[np.ix_(own, own)]
+        among = list(columns)
+        inverse = np.asarray(np.linalg.inv(self.A[np.ix_(among, among)]), dtype=float)
+        precision: Array = inverse - np.diag(1 / self.variance[among])
+        places = [among.index(column) for column in asked]
+        return precision[np.ix_(places, places)]
 
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
         """Return the sigmas (m,) by which the candidates of pairs (m, 2), at sizes (n,) in healthy sizes, are apart
@@ -112,29 +112,29 @@ class FormPosterior:
         # A dummy column without information completes forms that have only one.
         A, variance = np.eye(p + 2), np.append(self.variance, [1.0, 1.0])
         A[:p, :p] = self.A
-        own = [self.forms[self._number[one.effects]].columns for one in chosen]
+        own_columns = [self.forms[self._number[candidate.effects]].columns for candidate in chosen]
         first, second = pairs.T
-        columns = np.concatenate([[(*one, dummy)[:2] for one in own] for dummy in (p, p + 1)], axis=1).reshape(
-            len(chosen), 2, 2
-        )
+        columns = np.concatenate(
+            [[(*indices, dummy)[:2] for indices in own_columns] for dummy in (p, p + 1)], axis=1
+        ).reshape(len(chosen), 2, 2)
         pair = np.concatenate([columns[first, 0], columns[second, 1]], axis=1)
-        known = np.linalg.inv(A[pair[:, :, None], pair[:, None, :]])
-        known[:, np.arange(4), np.arange(4)] -= 1 / variance[pair]
-        width = np.array([len(one) for one in own])
-        this, other, across = known[:, :2, :2], known[:, 2:, 2:], known[:, :2, 2:]
+        precisions = np.linalg.inv(A[pair[:, :, None], pair[:, None, :]])
+        precisions[:, np.arange(4), np.arange(4)] -= 1 / variance[pair]
+        width = np.array([len(indices) for indices in own_columns])
+        this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
         sigma: Array = np.minimum(
-            sizes[first] * _left(this, across, other, width[first]),
-            sizes[second] * _left(other, across.transpose(0, 2, 1), this, width[second]),
+            sizes[first] * _left(this, across, that, width[first]),
+            sizes[second] * _left(that, across.transpose(0, 2, 1), this, width[second]),
         )
         return sigma
 
 
-def _left(own: Array, across: Array, other: Array, width: Array) -> Array:
+def _left(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
     """Return the sigmas (n,) of a coefficient, root mean square over its width (n,), that remain beside another
     coefficient of any size, given the precisions (n, 2, 2)."""
-    free = other + np.eye(2) / LARGEST_FAULT**2
-    left = own - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
-    sigma: Array = np.sqrt(np.maximum(np.trace(left, axis1=1, axis2=2) / width, 0.0))
+    free = other_precision + np.eye(2) / LARGEST_FAULT**2
+    remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
+    sigma: Array = np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0))
     return sigma
 
 
@@ -172,13 +172,15 @@ class FormInformation:
         """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
         scatter eliminated. Forms that they do not show have none."""
         columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
-        other = columns.fixed > 0
-        own, rest = np.flatnonzero(~other), np.flatnonzero(other)
-        across = columns.gram[np.ix_(own, rest)]
-        known = columns.gram[np.ix_(rest, rest)] + np.diag(1 / columns.fixed[rest])
+        is_nuisance = columns.fixed > 0
+        of_forms, nuisance = np.flatnonzero(~is_nuisance), np.flatnonzero(is_nuisance)
+        across = columns.gram[np.ix_(of_forms, nuisance)]
+        nuisance_precision = columns.gram[np.ix_(nuisance, nuisance)] + np.diag(1 / columns.fixed[nuisance])
         place = [k for form in columns.forms for k in self._place[form.effects]]
         whole = np.zeros((len(self._variance), len(self._variance)))
-        whole[np.ix_(place, place)] = columns.gram[np.ix_(own, own)] - across @ np.linalg.solve(known, across.T)
+        whole[np.ix_(place, place)] = columns.gram[np.ix_(of_forms, of_forms)] - across @ np.linalg.solve(
+            nuisance_precision, across.T
+        )
         return whole
 
     def posterior(self, information: Array) -> FormPosterior:
@@ -220,7 +222,7 @@ def planned_blocks(
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
     driven = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
-    seen = [replace(run, one=one) for run in driven for one in by_socket(run.one)]
+    seen = [replace(run, one=observation) for run in driven for observation in by_socket(run.one)]
     setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
     setups |= fit_setups([(run.model, run.one) for run in seen if isinstance(run.one.table, TouchTable)])
     return [_repeated(block, runs) for block in blocks_of(seen, setups)], setups
@@ -318,17 +320,17 @@ class ExpectedPosterior:
     def sd_of_name(self, name: str) -> float:
         """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
         detected best."""
-        forms = [one for one in self.candidates if one.name == name]
+        forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._known.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
         one effect, or as two where the phase is free."""
         T = self._at_size([*ones, *others])
-        own = self._background_beside((ones[0], others[0])).weighed(T)
-        H = own.products(own)
+        weighed = self._background_beside((ones[0], others[0])).weighed(T)
+        H = weighed.products(weighed)
         q = len(ones)
-        free = H[q:, q:] + np.diag([(size_of(other) / LARGEST_FAULT) ** 2 for other in others])
+        free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
         stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
         if len(H) == 2 and one_sided(ones[0]) and one_sided(others[0]) and H[0, 1] < 0:
             stands_in = np.zeros((1, 1))
@@ -352,14 +354,16 @@ class ExpectedPosterior:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its
         shapes."""
         fault = scaled(healthy(effect), size, **{free.field: free.expected for free in effect.FREE})
-        found = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
-        return found.sd(0)[size_field(effect)] / healthy_size(effect)
+        refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
+        return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def _at_size(self, effects: Sequence[Effect]) -> Array:
         """Return what effects add to the whitened readings, (N, p), extrapolated from a small size; a play is not
         proportional to its width and stays as it is."""
-        small = [one if is_play(one) else scaled(healthy(one), min(1.0, one.STRAIGHT)) for one in effects]
-        times = [size_of(one) / size_of(other) for one, other in zip(effects, small, strict=True)]
+        small = [
+            effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
+        ]
+        times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
         whole: Array = self.linear.columns(small) * np.array(times)
         return whole
 

@@ -18,16 +18,16 @@ _AXES = ("axis", "from_axis", "to_axis")
 def parse_effects(words: str, axes: int = 6) -> list[Effect]:
     """Return the effects of a list for an arm of so many axes, each once, bounded ones at half a healthy size. Raises
     UseError for an unknown effect or place."""
-    found = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word, axes)]
-    if not found:
+    effects = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word, axes)]
+    if not effects:
         raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(effects))
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
     """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit
     begins. Raises UseError as `parse_effects` does."""
-    quarters = {other for effect in parse_effects(words, axes) for other in phases(effect)[1:]}
+    quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
 
 

@@ -95,8 +95,8 @@ class CurveColumns:
 
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
-        found: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
-        return found
+        variance: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
+        return variance
 
     def fitted(
         self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
@@ -123,19 +123,19 @@ class CurveColumns:
         widths = [(_WIDTHS[0], _MOST_OF_A_KIND if kind else _WIDTHS[1]) for kind in kinds]
         bounds = [*np.log(widths), _DECAYS, *np.log(limits.T)]
         enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
-        found = minimize(
+        optimum = minimize(
             cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
         )
-        return _curves(found.x[: joints + 1]), np.exp(found.x[joints + 1 :])
+        return _curves(optimum.x[: joints + 1]), np.exp(optimum.x[joints + 1 :])
 
 
 def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -> CurveColumns:
     """Return the columns of joint curves among those of some effects, one each, and those of the arm's constants where
     these have widths of their own."""
-    own = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
-    joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in own.tolist()], dtype=np.int64)
-    order = np.array([float(getattr(effects[k], "order", 1.0)) for k in own.tolist()])
-    among = np.ones(len(own))
+    indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
+    joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)
+    order = np.array([float(getattr(effects[k], "order", 1.0)) for k in indices.tolist()])
+    among = np.ones(len(indices))
     for j in np.unique(joint).tolist():
         orders = np.unique(order[joint == j])
         if len(orders) > 1:
@@ -143,10 +143,10 @@ def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -
     if constants_apart:
         kinds = {k: kind for k, effect in enumerate(effects) if (kind := _kind_of(effect)) is not None}
         place = np.array(list(kinds), dtype=np.int64)
-        own = np.concatenate([own, place])
+        indices = np.concatenate([indices, place])
         joint = np.concatenate([joint, MOST_AXES + np.array(list(kinds.values()), dtype=np.int64)])
         order, among = np.append(order, np.ones(len(place))), np.append(among, np.ones(len(place)))
-    return CurveColumns(own, joint, order, among)
+    return CurveColumns(indices, joint, order, among)
 
 
 def _curves(x: Array) -> JointCurves:

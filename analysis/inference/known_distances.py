@@ -36,9 +36,9 @@ class KnownDistances:
     def residual(self, setups: Mapping[str, SetUp]) -> Array:
         """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
-        known = [one.distance_mm for one in self.known]
-        left: Array = (np.array(known) - np.array(apart)) / _SD_MM
-        return left
+        known_mm = [distance.distance_mm for distance in self.known]
+        residual: Array = (np.array(known_mm) - np.array(apart)) / _SD_MM
+        return residual
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
@@ -55,24 +55,24 @@ class KnownDistances:
     def scatter(self) -> Array:
         """What one standard uncertainty of each distance of the rig file adds (t, c), in the same unit."""
         different = list(dict.fromkeys(self.known))
-        alike = np.array([[one == other for other in different] for one in self.known], dtype=float)
-        return alike.reshape(len(self.known), len(different)) * [one.u_mm / _SD_MM for one in different]
+        alike = np.array([[distance == reference for reference in different] for distance in self.known], dtype=float)
+        return alike.reshape(len(self.known), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
 def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
     """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
     once. What belongs to them follows the entries (N,) of the blocks."""
-    found: dict[tuple[str, str], SocketDistance] = {}
+    distances: dict[tuple[str, str], SocketDistance] = {}
     touched = [block for block in blocks if isinstance(block.one.table, TouchTable)]
-    for one, other in combinations(touched, 2):
-        touch = one.model.rig.tests.touch
-        if touch is None or one.one.table is not other.one.table:
+    for first, second in combinations(touched, 2):
+        touch = first.model.rig.tests.touch
+        if touch is None or first.one.table is not second.one.table:
             continue
-        between = {_socket(one), _socket(other)}
-        for known in touch.distances:
-            if set(known.between) == between:
-                found[one.one.setup, other.one.setup] = known
-    return KnownDistances(tuple(found), tuple(found.values()))
+        between = {_socket(first), _socket(second)}
+        for distance in touch.distances:
+            if set(distance.between) == between:
+                distances[first.one.setup, second.one.setup] = distance
+    return KnownDistances(tuple(distances), tuple(distances.values()))
 
 
 def _socket(block: Block) -> str:
@@ -84,6 +84,6 @@ def _socket(block: Block) -> str:
 
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
     """Return the way (3,) mm from one socket to the other."""
-    one, other = (setups[name].T_instrument_world[:3, 3] for name in pair)
-    way: Array = other - one
+    first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
+    way: Array = second - first
     return way

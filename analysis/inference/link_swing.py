@@ -56,33 +56,33 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     times.
     """
     groups = _repeated(runs, setups)
-    left = [one for group in groups for one in group.runs]
-    if not left:
+    deviations = [deviation for group in groups for deviation in group.runs]
+    if not deviations:
         return None
-    seconds = max(float(np.ptp(one.t_s)) for one in left)
+    seconds = max(float(np.ptp(deviation.t_s)) for deviation in deviations)
     # There may be a gap between laps, so the rate is that of most rows.
-    rate = min(1 / float(np.median(np.diff(one.t_s))) for one in left)
+    rate = min(1 / float(np.median(np.diff(deviation.t_s))) for deviation in deviations)
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
     if len(f) < 2 or len(f) < 2 * _width(f):
         return None
-    power = np.array([_power(one, f) for one in left])
-    level = np.array([_noise_level(one, _width(f)) for one in power])
-    over, count = np.sum(power / level, axis=0), len(left)
+    power = np.array([_power(deviation, f) for deviation in deviations])
+    level = np.array([_noise_level(spectrum, _width(f)) for spectrum in power])
+    over, count = np.sum(power / level, axis=0), len(deviations)
     k = int(np.argmax(over))
     # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
     near = f[k] + (f[1] - f[0]) * _FINER
     tried = [[_fitted(group, frequency_hz) for group in groups] for frequency_hz in near.tolist()]
-    at = int(np.argmax([sum(one.energy for one in fits) for fits in tried]))
+    at = int(np.argmax([sum(fit.energy for fit in fits) for fits in tried]))
     fits, frequency_hz = tried[at], float(near[at])
-    seen = sum(one.seen for one in fits)
-    noise = float(np.mean(level[:, k])) * sum(one.spread for one in fits) / seen
-    squares = sum(float(one.waves.ravel() @ one.waves.ravel()) for one in fits) / seen
+    seen = sum(fit.seen for fit in fits)
+    noise = float(np.mean(level[:, k])) * sum(fit.spread for fit in fits) / seen
+    squares = sum(float(fit.waves.ravel() @ fit.waves.ravel()) for fit in fits) / seen
     amplitude = float(np.sqrt(max(squares - noise, 0.0)))
     # Of n runs with independent phases, m combinations are seen: their power is that of all times m / n, on average.
-    phases = 0.25 * float(np.mean([len(one.waves) / one.seen - 1 for one in fits for _ in one.waves])) / count
+    phases = 0.25 * float(np.mean([len(fit.waves) / fit.seen - 1 for fit in fits for _ in fit.waves])) / count
     # Stamps that scatter by s make a wave of angular frequency w smaller by (w s)²/2.
-    scatter_s = np.mean([STAMP_SCATTER * np.median(np.diff(one.t_s)) for one in left])
+    scatter_s = np.mean([STAMP_SCATTER * np.median(np.diff(deviation.t_s)) for deviation in deviations])
     lost = float(2 * np.pi * frequency_hz * scatter_s) ** 2 / 2
     sd = float(np.sqrt(noise / 2 / seen + amplitude**2 * (phases + lost**2)))
     scatter: dict[str, list[float]] = {}
@@ -129,7 +129,9 @@ class _Repeated:
     def scatter_of(self, frequency_hz: float, waves: Array) -> float:
         """Return the mean square in mm² that vibrations with cosines and sines (n, 2) mm add to one run, compared with
         the mean of many."""
-        laps = np.array([one.mean_lap(frequency_hz) @ wave for one, wave in zip(self.runs, waves, strict=True)])
+        laps = np.array(
+            [deviation.mean_lap(frequency_hz) @ wave for deviation, wave in zip(self.runs, waves, strict=True)]
+        )
         return float(np.mean((laps - laps.mean(axis=0)) ** 2)) * len(laps) / (len(laps) - 1)
 
 
@@ -148,16 +150,16 @@ class _Fit:
 def _fitted(group: _Repeated, frequency_hz: float) -> _Fit:
     """Return the vibrations of all repeats, each of which is in the deviation of every other one through the mean."""
     count = len(group.runs)
-    laps = [one.mean_lap(frequency_hz) / count for one in group.runs]
+    laps = [deviation.mean_lap(frequency_hz) / count for deviation in group.runs]
     normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    for k, one in enumerate(group.runs):
-        columns = -np.concatenate([_at_rows(one.sampling, lap) for lap in laps], axis=1)
-        columns[:, 2 * k : 2 * k + 2] += one.waves(frequency_hz)
+    for k, deviation in enumerate(group.runs):
+        columns = -np.concatenate([_at_rows(deviation.sampling, lap) for lap in laps], axis=1)
+        columns[:, 2 * k : 2 * k + 2] += deviation.waves(frequency_hz)
         normal += columns.T @ columns
-        right += columns.T @ one.quick
+        right += columns.T @ deviation.quick
     values, vectors = np.linalg.eigh(normal)
     # A wave that is seen entirely has half the number of readings as its value.
-    kept = values > _SEEN * np.mean([len(one.t_s) for one in group.runs]) / 2
+    kept = values > _SEEN * np.mean([len(deviation.t_s) for deviation in group.runs]) / 2
     along = vectors[:, kept].T @ right
     waves = vectors[:, kept] @ (along / values[kept])
     energy, spread = float(along @ (along / values[kept])), float(np.sum(1 / values[kept]))
@@ -169,37 +171,38 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
     for run in runs:
         if run.sampling:
             groups.setdefault(run.name, []).append(run)
-    found = []
+    repeated = []
     for group in groups.values():
         if len(group) < 2:
             continue
-        left = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        residuals = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
         mean = np.mean(
-            [run.sampling.gridded(one) for run, one in zip(group, left, strict=True) if run.sampling], axis=0
+            [run.sampling.gridded(residual) for run, residual in zip(group, residuals, strict=True) if run.sampling],
+            axis=0,
         )
         apart = []
-        for run, one in zip(group, left, strict=True):
+        for run, residual in zip(group, residuals, strict=True):
             assert run.sampling is not None  # noqa: S101 - circles only
             rows = run.one.rows[: len(run.sampling.phi)]
-            own = one[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
-            apart.append(_Deviation(run.one.path.t_s[rows], own, run.sampling))
-        found.append(_Repeated(group[0].one.setup, tuple(apart)))
-    return found
+            deviation = residual[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
+            apart.append(_Deviation(run.one.path.t_s[rows], deviation, run.sampling))
+        repeated.append(_Repeated(group[0].one.setup, tuple(apart)))
+    return repeated
 
 
 def _at_rows(sampling: Sampling, gridded: Array) -> Array:
     """Return values at the grid (GRID, k), in any unit, at the rows of the laps, (n, k)."""
     angles = 2 * np.pi * np.arange(GRID) / GRID
-    return np.stack([np.interp(sampling.phi, angles, one, period=2 * np.pi) for one in gridded.T], axis=1)
+    return np.stack([np.interp(sampling.phi, angles, column, period=2 * np.pi) for column in gridded.T], axis=1)
 
 
 def _width(f: Array) -> int:
     return int(_NEAR_HZ / (f[1] - f[0]))
 
 
-def _power(one: _Deviation, f: Array) -> Array:
+def _power(deviation: _Deviation, f: Array) -> Array:
     """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
-    t, r = one.t_s, one.quick
+    t, r = deviation.t_s, deviation.quick
     # Frequencies are evenly spaced, so each wave is the product of a coarse one and a fine one.
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))

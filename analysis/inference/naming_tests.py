@@ -16,16 +16,14 @@ from analysis.inference.acts import Cost, NamingTest
 from analysis.inference.blocks import blocks_of
 from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_bands
 from analysis.inference.observation import ObservedRun
-from analysis.inference.plan import PossibleTest, possible_tests
+from analysis.inference.plan import FurtherTests, PossibleTest
 from analysis.inference.responses import linearise
 from analysis.inference.result import ODDS, BudgetPart, Named, is_open
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
 from rigs.errors import FileError
-from rigs.rig import Rig
 from rigs.schema.effect import is_play, label_of, name_of, phases, size_of
-from rigs.schema.vocabulary import TestName
 
 JOINED = "--unseen"
 """The test that takes no driving: the runs that only judged, used as well."""
@@ -39,15 +37,15 @@ class NamingTests:
 
     possible: Sequence[PossibleTest]
 
-    def for_rivals(self, one: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
+    def for_rivals(self, effect: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
         """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
         where none does."""
-        pairs = ((one, rival), (rival, one))
+        pairs = ((effect, rival), (rival, effect))
         sigmas = [
             min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)
             for test in self.possible
         ]
-        return self._best(sigmas, 1, (name_of(one), name_of(rival)))
+        return self._best(sigmas, 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
         """Return the test by which an effect among so many is known best at its size; None where none names it."""
@@ -63,9 +61,9 @@ class NamingTests:
         if not enough:
             return None
         k = min(enough, key=lambda k: (self.possible[k].minutes, -sigmas[k]))
-        one = self.possible[k]
-        test = NamingTest(one.test, one.why, float(sigmas[k]), _odds(sigmas[k], among), names)
-        return test, Cost(one.minutes, one.programs, one.set_ups)
+        best = self.possible[k]
+        test = NamingTest(best.test, best.why, float(sigmas[k]), _odds(sigmas[k], among), names)
+        return test, Cost(best.minutes, best.programs, best.set_ups)
 
 
 def _odds(sigma: float, among: int) -> float:
@@ -74,8 +72,7 @@ def _odds(sigma: float, among: int) -> float:
 
 
 def naming_tests(
-    rig: Rig,
-    tests: Sequence[TestName],
+    further: FurtherTests,
     result: SearchResult,
     budget: Sequence[BudgetPart],
     named: Sequence[Named],
@@ -87,30 +84,30 @@ def naming_tests(
     if not asked:
         return []
     try:
-        further, _ = possible_tests(rig, tests, result.linear.blocks, result.linear.setups, result.state.level)
+        possible, _ = further()
     except FileError:
-        further = []
-    known = NamingTests([*_joined(result, *judges), *further])
-    found = []
+        possible = []
+    planned_tests = NamingTests([*_joined(result, *judges), *possible])
+    tests = []
     for k in asked:
         part = budget[k]
         if part.members:
-            planned = known.for_member(part.members[0].effect, len(result.selection.columns.forms))
-        elif is_open(part, one := named[part.index or 0]):
-            planned = known.for_member(one.effect, len(result.selection.columns.forms))
+            planned = planned_tests.for_member(part.members[0].effect, len(result.selection.columns.forms))
+        elif is_open(part, name := named[part.index or 0]):
+            planned = planned_tests.for_member(name.effect, len(result.selection.columns.forms))
         else:
-            planned = known.for_rivals(one.effect, one.rivals[0].effect)
-        found += [(k, *planned)] if planned else []
-    return found
+            planned = planned_tests.for_rivals(name.effect, name.rivals[0].effect)
+        tests += [(k, *planned)] if planned else []
+    return tests
 
 
 def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
     if part.index is None:
         return bool(part.members) and not is_play(part.members[0].effect)
-    one = named[part.index]
-    if is_open(part, one):
-        return not is_play(one.effect)
-    return one.stands and part.share > _MUCH and any(rival.posterior * ODDS >= one.posterior for rival in one.rivals)
+    name = named[part.index]
+    if is_open(part, name):
+        return not is_play(name.effect)
+    return name.stands and part.share > _MUCH and any(rival.posterior * ODDS >= name.posterior for rival in name.rivals)
 
 
 def _joined(result: SearchResult, used: Sequence[ObservedRun], elsewhere: Sequence[ObservedRun]) -> list[PossibleTest]:

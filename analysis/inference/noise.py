@@ -74,10 +74,10 @@ class RunScatter:
 
 def _by_term(joints: float, ball: float, terms: int) -> Array:
     """Return scatter by term (terms,): of all joints, and of the ball where there are more terms than joints."""
-    found = np.full(terms, joints)
+    scatter = np.full(terms, joints)
     if terms > MOST_AXES:
-        found[-3:] = ball
-    return found
+        scatter[-3:] = ball
+    return scatter
 
 
 ASSUMED_SCATTER = RunScatter(
@@ -91,22 +91,23 @@ ASSUMED_SCATTER = RunScatter(
 
 def average_scatter(every: Sequence[RunScatter]) -> RunScatter:
     """Return the root mean square of some scatters."""
-    return RunScatter(*np.sqrt(np.mean(np.array([astuple(one) for one in every]) ** 2, axis=0)).tolist())
+    return RunScatter(*np.sqrt(np.mean(np.array([astuple(scatter) for scatter in every]) ** 2, axis=0)).tolist())
 
 
-def scatter_response(model: Model, one: Observation, setup: SetUp) -> Array:
+def scatter_response(model: Model, observation: Observation, setup: SetUp) -> Array:
     """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
     poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
-    scene = moved(model, one.path)
-    base = predicted_in_scene(model, one, scene, setup)
+    scene = moved(model, observation.path)
+    base = predicted_in_scene(model, observation, scene, setup)
     columns = []
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
-        columns.append(predicted(off, one, setup) - base)
-    if not isinstance(one.table, PlaceTable):
+        columns.append(predicted(off, observation, setup) - base)
+    if not isinstance(observation.table, PlaceTable):
         steps = SCATTER_MM * np.eye(3)
         columns += [
-            predicted_in_scene(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps
+            predicted_in_scene(model, observation, scene, replace(setup, ball=setup.ball + step)) - base
+            for step in steps
         ]
     return np.stack(columns, axis=2)
 
@@ -142,8 +143,8 @@ class ScatteredRuns:
             return self.apart
         _, taken = self._regression(scatter, sd_mm)
         stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
-        left: Array = self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
-        return left
+        steady: Array = self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
+        return steady
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
@@ -156,13 +157,13 @@ class ScatteredRuns:
 
     def whitened(self, sd_mm: Array) -> ScatteredRuns:
         """Return the same runs in standard deviations of noise of sd_mm (N,) and of stamps together, instead of mm."""
-        left, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
-        less = left * (1 - 1 / np.sqrt(1 + size**2))
+        directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
+        less = directions * (1 - 1 / np.sqrt(1 + size**2))
 
         def white(rows: Array) -> Array:
-            own = rows / sd_mm
-            found: Array = own - (own @ left) @ less.T
-            return found
+            whitened = rows / sd_mm
+            uncorrelated: Array = whitened - (whitened @ directions) @ less.T
+            return uncorrelated
 
         drifting = white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
         return ScatteredRuns(white(self.apart), white(self.constant.T).T, drifting, self.stamps[:, :0])
@@ -178,10 +179,10 @@ def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Ar
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
     """Return columns (N, r) mm with the same covariance as columns (N, c), without what is far below the noise sd_mm
     (N,)."""
-    left, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
+    directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
-    found: Array = left[:, seen] * size[seen] * sd_mm[:, None]
-    return found
+    visible: Array = directions[:, seen] * size[seen] * sd_mm[:, None]
+    return visible
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
@@ -217,14 +218,14 @@ def _evidence(runs: ScatteredRuns, sd_mm: Array, squares: Array) -> Array:
     white = runs.whitened(sd_mm)
     constant, drifting = white.constant, white.drifting
     span = _span_of(np.concatenate([constant, *drifting], axis=1))
-    waves = [drifting[:, :, own].transpose(1, 0, 2).reshape(len(constant), -1) for own in _OWN]
-    inside = [span.T @ part for part in (*(constant[:, own] for own in _OWN), *waves)]
+    waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _OWN]
+    inside = [span.T @ part for part in (*(constant[:, columns] for columns in _OWN), *waves)]
     C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
     C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
     Z = white.apart @ span
     cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    found: Array = -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
-    return found
+    evidence: Array = -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
+    return evidence
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -309,14 +310,14 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
         return CircleNoise(tuple(assumed), {"": ASSUMED_SCATTER}, measured=False)
     sd_mm: dict[int, Array] = {}
     scattered = {}
-    for setup, own in repeated.items():
-        found, scattered[setup] = _setup_noise([_scattered(groups[k]) for k in own])
-        sd_mm.update(zip(own, found, strict=True))
+    for setup, members in repeated.items():
+        found, scattered[setup] = _setup_noise([_scattered(groups[k]) for k in members])
+        sd_mm.update(zip(members, found, strict=True))
     # A run that was not repeated borrows the noise of its set-up, or else of all.
     every = list(sd_mm)
     for k, group in enumerate(groups):
         lenders = repeated.get(group.setup, every)
-        borrowed = np.sqrt(np.mean(np.concatenate([sd_mm[one] for one in lenders]) ** 2, axis=0))
+        borrowed = np.sqrt(np.mean(np.concatenate([sd_mm[lender] for lender in lenders]) ** 2, axis=0))
         sd_mm.setdefault(k, np.tile(borrowed, (len(group.rows), 1)))
     return CircleNoise(tuple(sd_mm[k] for k in range(len(groups))), scattered, measured=True)
 
@@ -337,10 +338,10 @@ def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatte
     for _ in range(_ROUNDS):
         for _ in range(2):
             shape = _shape(
-                [own / level[:, _PART] for (own, _), level in zip(parts, levels, strict=True)],
+                [rows / level[:, _PART] for (rows, _), level in zip(parts, levels, strict=True)],
                 [free for _, free in parts],
             )
-            levels = [_levels(own / shape, free) for own, free in parts]
+            levels = [_levels(rows / shape, free) for rows, free in parts]
         sd_mm = [np.maximum(shape * level[:, _PART], _LEAST_MM) for level in levels]
         typical = [np.sqrt((sd**2).mean(axis=0)) for sd in sd_mm]
         scatter = scatter_of(list(zip(every, typical, strict=True)))
@@ -385,23 +386,23 @@ def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
     freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True)))
     shape, finer = np.empty(len(ORDER_OF)), 0.0
     for band in reversed(_bands()):
-        known = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
-        seen = freedom[band].sum() + known
+        extra = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
+        seen = freedom[band].sum() + extra
         # Its scaled inverse chi-square has a mean of about 1 + 2/ν.
-        variance = (squares[band].sum() + known * finer) / seen * (1 + 2 / seen)
+        variance = (squares[band].sum() + extra * finer) / seen * (1 + 2 / seen)
         shape[band], finer = np.sqrt(variance), variance
     return np.maximum(shape, _LEAST_MM)
 
 
-def _levels(own: Array, free: Array) -> Array:
+def _levels(rows: Array, free: Array) -> Array:
     """Return the levels (n, 4) of repeated runs, from their deviations (n, N) from their mean divided by the shape of
     the noise.
 
     With variances σ_r² of n runs, the expected mean square q_r of a run's deviation from their mean is σ_r² (1 - 2/n) +
     Σ σ²/n².
     """
-    n = len(own)
-    q = np.stack([(own[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
+    n = len(rows)
+    q = np.stack([(rows[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
     total = q.sum(axis=0) * n / (n - 1)
     if n < 3:
         return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
@@ -422,13 +423,13 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
     for number in np.unique(alike):
-        here = np.flatnonzero(alike == number)
-        group = rows[:, here]
+        visits = np.flatnonzero(alike == number)
+        group = rows[:, visits]
         if group.size > 1:
             off = (group - group.mean()) * np.sqrt(group.size / (group.size - 1))
             away.append(off.ravel())
-            squares[here] = (off**2).sum() * (group.size - 1) / group.size
-            freedom[here] = group.size - 1
+            squares[visits] = (off**2).sum() * (group.size - 1) / group.size
+            freedom[visits] = group.size - 1
     if not away:
         return np.full(rows.shape[1], TARGET_MM.rms), False
     # A median is robust against heavy tails and outliers; the target's own scatter then enters with its weight.
@@ -465,11 +466,11 @@ def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm
     crossing that is shorter than a row makes an error of this size in them too.
     """
     laps = [
-        (one, _off_mm(t, readings, len(one.phi)))
-        for one, t, readings in zip(samplings, t_s, readings_mm, strict=True)
+        (sampling, _off_mm(t, readings, len(sampling.phi)))
+        for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True)
     ]  # fmt: skip
-    sd_mm = np.sqrt(np.mean([one.gridded_sd(off_mm) ** 2 for one, off_mm in laps], axis=0))
-    way = np.sign(sum(one.gridded(off_mm) for one, off_mm in laps))
+    sd_mm = np.sqrt(np.mean([sampling.gridded_sd(off_mm) ** 2 for sampling, off_mm in laps], axis=0))
+    way = np.sign(sum(sampling.gridded(off_mm) for sampling, off_mm in laps))
     most = sd_mm.max(axis=1)
     angles = np.argsort(-most)[:_MOST]
     angles = angles[most[angles] > max(_RARE * float(np.median(most)), _LEAST_LATE_MM)]

@@ -59,14 +59,14 @@ class Observation:
     @property
     def samples(self) -> Integers:
         """The samples (m,) of the path at which the readings were taken."""
-        found: Integers = self.path.rows[self.rows]
-        return found
+        samples: Integers = self.path.rows[self.rows]
+        return samples
 
     @property
     def t_s(self) -> Array:
         """The times (m,) s of the readings."""
-        found: Array = self.path.t_s[self.samples]
-        return found
+        times: Array = self.path.t_s[self.samples]
+        return times
 
 
 def observe(model: Model, table: Table, where: str) -> Observation:
@@ -84,47 +84,54 @@ def observe(model: Model, table: Table, where: str) -> Observation:
     return Observation(table, path_of(model, table), rows, values, test_of(table))
 
 
-def with_placement(one: Observation, placement: str) -> Observation:
+def with_placement(observation: Observation, placement: str) -> Observation:
     """Return the observation with the set-up of a placement that the user named; without a name, that of the test
     alone."""
-    return replace(one, setup=f"{one.setup} at {placement}") if placement else one
+    return replace(observation, setup=f"{observation.setup} at {placement}") if placement else observation
 
 
-def by_socket(one: Observation) -> list[Observation]:
+def by_socket(observation: Observation) -> list[Observation]:
     """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
     The place of each socket is a set-up of its own."""
-    if not isinstance(one.table, TouchTable):
-        return [one]
-    socket = one.table.socket[one.rows]
+    if not isinstance(observation.table, TouchTable):
+        return [observation]
+    socket = observation.table.socket[observation.rows]
     return [
-        replace(one, rows=one.rows[own], values=one.values[own], setup=f"{one.setup}, socket {name}")
-        for name, own in ((name, socket == name) for name in np.unique(socket).tolist())
+        replace(
+            observation,
+            rows=observation.rows[touched],
+            values=observation.values[touched],
+            setup=f"{observation.setup}, socket {name}",
+        )
+        for name, touched in ((name, socket == name) for name in np.unique(socket).tolist())
     ]
 
 
-def thinned(one: Observation, most: int) -> Observation:
+def thinned(observation: Observation, most: int) -> Observation:
     """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
-    kept = np.argsort(one.rows)[:: -(-len(one.rows) // most)]
-    path = replace(one.path, rows=one.samples[kept], alone=True)
-    return replace(one, path=path, rows=np.arange(len(kept)), values=one.values[kept])
+    kept = np.argsort(observation.rows)[:: -(-len(observation.rows) // most)]
+    path = replace(observation.path, rows=observation.samples[kept], alone=True)
+    return replace(observation, path=path, rows=np.arange(len(kept)), values=observation.values[kept])
 
 
-def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
+def predicted(model: Model, observation: Observation, setup: SetUp) -> Array:
     """Return the readings (m, k) mm that a model predicts; for poses the positions."""
-    return predicted_in_scene(model, one, moved(model, one.path), setup)
+    return predicted_in_scene(model, observation, moved(model, observation.path), setup)
 
 
-def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
+def predicted_in_scene(model: Model, observation: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
-    values = read(model, one.table, one.path, scene, setup)
-    if isinstance(one.table, PlaceTable):
+    values = read(model, observation.table, observation.path, scene, setup)
+    if isinstance(observation.table, PlaceTable):
         values = values[:, [3, 7, 11]]
-    return values[one.rows]
+    return values[observation.rows]
 
 
 def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
     """Return measured minus predicted readings, (m, k) mm for each observation."""
-    return [one.values - predicted(model, one, setups[one.setup]) for one in observations]
+    return [
+        observation.values - predicted(model, observation, setups[observation.setup]) for observation in observations
+    ]
 
 
 def rms(residuals: Sequence[Array]) -> float:
@@ -146,29 +153,29 @@ BEYOND_MM = 50.0
 """The same of a rail: what 3 degrees of a joint move at a metre."""
 
 
-def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> list[str]:
-    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which `what` was determined, which
-    begins it."""
+def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
+    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which something was determined; the
+    name of the `run` begins it."""
     lines = []
     joints = np.degrees(q_rad[:, : len(covered)])  # behind them stands where a rail is
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
-            there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            stands = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
             lines.append(
-                f"{what}: {there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
+                f"{run}: {stands}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
             )
     return lines
 
 
-def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, what: str) -> list[str]:
+def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
     """Return the same messages for the effects of a rig file, each valid in the range in which it was found; angles are
     (n, 6) rad."""
-    known = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
-    if not known:
+    covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
+    if not covered:
         return []
-    ranges = [(max(low for low, _ in axis), min(high for _, high in axis)) for axis in zip(*known, strict=True)]
-    return outside_coverage(ranges, q_rad, what)
+    ranges = [(max(low for low, _ in axis), min(high for _, high in axis)) for axis in zip(*covered, strict=True)]
+    return outside_coverage(ranges, q_rad, run)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -183,15 +190,15 @@ _HALF_S = 0.2
 reversal of a joint."""
 
 
-def smooth_path(one: Observation) -> Observation:
+def smooth_path(observation: Observation) -> Observation:
     """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
-    if not isinstance(one.table, CircleTable):
-        return one
+    if not isinstance(observation.table, CircleTable):
+        return observation
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
-    laps = one.samples
-    q = one.path.q.copy()
-    q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
-    return replace(one, path=replace(one.path, motion=Motion(one.path.t_s, q)))
+    laps = observation.samples
+    q = observation.path.q.copy()
+    q[laps] = _parabolas(observation.path.t_s, observation.path.q)[laps]
+    return replace(observation, path=replace(observation.path, motion=Motion(observation.path.t_s, q)))
 
 
 def _parabolas(t_s: Array, q: Array) -> Array:
@@ -271,8 +278,8 @@ class Sampling:
         weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
-        found = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
-        return found if self.bridged is None else csr_array(_bridge(*self.bridged) @ found)
+        matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
+        return matrix if self.bridged is None else csr_array(_bridge(*self.bridged) @ matrix)
 
     def gridded_sd(self, sd: Array) -> Array:
         """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
@@ -305,8 +312,8 @@ class Sampling:
         before = [near[(number == lap) & (near < 0)] for lap in range(laps)]
         after = [near[(number == lap) & (near > 0)] for lap in range(laps)]
         return (
-            min((float(one.max()) for one in before if len(one)), default=0.0),
-            max((float(one.min()) for one in after if len(one)), default=0.0),
+            min((float(rows.max()) for rows in before if len(rows)), default=0.0),
+            max((float(rows.min()) for rows in after if len(rows)), default=0.0),
         )
 
     @property
@@ -327,12 +334,12 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     laps and others the beginning. Laps that begin far from each other are left unchanged.
     """
     first = samplings[0].begin
-    offsets = [(one.begin - first + GRID / 2) % GRID - GRID / 2 for one in samplings]
+    offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
     if max(offsets) - min(offsets) > _MOST_APART:
         return list(samplings)
-    seams = [(off + one.seam[0], off + one.seam[1]) for off, one in zip(offsets, samplings, strict=True)]
+    seams = [(off + sampling.seam[0], off + sampling.seam[1]) for off, sampling in zip(offsets, samplings, strict=True)]
     bridged = (int(np.floor(first + min(seams)[0])), int(np.ceil(first + max(after for _, after in seams))))
-    return [replace(one, bridged=bridged) for one in samplings]
+    return [replace(sampling, bridged=bridged) for sampling in samplings]
 
 
 def _bridge(begin: int, end: int) -> csr_array:
@@ -413,11 +420,11 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     lap = observe(model, table, where)
     smoothed = smooth_path(lap)
     sampling, rows = _sampled(table, model, smoothed, where)
-    raw, one = replace(lap, rows=rows), replace(smoothed, rows=rows)
+    raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
     # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
     setup = nominal_setup(model.rig, table)
-    ripple = predicted(model, raw, setup) - predicted(model, one, setup)
-    return ObservedRun(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
+    ripple = predicted(model, raw, setup) - predicted(model, smooth, setup)
+    return ObservedRun(model, replace(smooth, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
 
 
 def without_wild(table: CircleTable) -> CircleTable:
@@ -449,14 +456,14 @@ def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
     return len(laps.phi) // laps.count
 
 
-def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
+def _sampled(table: CircleTable, model: Model, observation: Observation, where: str) -> tuple[Sampling, Integers]:
     phi = laps_of(table, model.rig, where).phi
-    stands = _stands(one)
-    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    stands = _stands(observation)
+    begins = len(observation.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
     places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
-    per_step = len(one.rows) / (GRID * _laps(phi))
+    per_step = len(observation.rows) / (GRID * _laps(phi))
     shares = np.array([len(rows) / per_step for rows in stands])
-    return sampling_of(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
+    return sampling_of(phi, places, shares), np.concatenate([observation.rows, *stands]).astype(np.intp)
 
 
 def _laps(phi: Array) -> int:
@@ -491,11 +498,11 @@ def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
     return order[before], order[after], np.clip(share, 0, 1)
 
 
-def _stands(one: Observation) -> list[Integers]:
+def _stands(observation: Observation) -> list[Integers]:
     """Return the rows of standing before and after the lap, or an empty list unless both exist."""
-    t, q = one.path.t_s, one.path.q
+    t, q = observation.path.t_s, observation.path.q
     speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
-    still = speed < _STANDS * np.median(speed[one.rows])
-    first, last = int(one.rows[0]), int(one.rows[-1])
-    found = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
-    return found if min(map(len, found)) >= _LEAST_STAND else []
+    still = speed < _STANDS * np.median(speed[observation.rows])
+    first, last = int(observation.rows[0]), int(observation.rows[-1])
+    periods = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    return periods if min(map(len, periods)) >= _LEAST_STAND else []

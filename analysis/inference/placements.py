@@ -49,9 +49,9 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
-            what = f"is of another robot than {rig.name}: its link constants differ"
+            problem = f"is of another robot than {rig.name}: its link constants differ"
             raise FileError(
-                str(run.path), what, "give the runs of one robot at a time, or the --rig that they were made with"
+                str(run.path), problem, "give the runs of one robot at a time, or the --rig that they were made with"
             )
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
@@ -61,24 +61,24 @@ def split_by_frame(
 ) -> tuple[list[Observation], list[str]]:
     """Return the observations, of (m, k) mm, with a set-up for each frame that they show, and messages about them; of
     poses `split_by_target` has those."""
-    found, messages = list(observations), []
-    for setup in dict.fromkeys(one.setup for one in observations):
-        places = [k for k, one in enumerate(observations) if one.setup == setup]
+    split_up, messages = list(observations), []
+    for setup in dict.fromkeys(observation.setup for observation in observations):
+        places = [k for k, observation in enumerate(observations) if observation.setup == setup]
         split = _circle_frames if isinstance(observations[places[0]].table, CircleTable) else _target_frames
         frames = sorted(sorted(frame) for frame in split(model, observations, places))
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
-                found[k] = replace(found[k], setup=f"{setup}{FRAME}{number}")
+                split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
         if len(frames) > 1 and not isinstance(observations[places[0]].table, PoseTable):
             messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
-    return found, messages
+    return split_up, messages
 
 
 def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
     """Return what a person should know of runs of a set-up that have several frames."""
     runs = "; ".join(", ".join(names) for names in frames)
-    what = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
-    return f"{what}, which rig relabel --placement can name"
+    message = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
+    return f"{message}, which rig relabel --placement can name"
 
 
 def split_by_target(
@@ -87,20 +87,20 @@ def split_by_target(
     """Return the observations, of (m, k) mm, with a target of its own for each place on the tool that placements of
     poses show, and a message about each. A reflector that was put elsewhere under an instrument that stood keeps the
     frame of that placement."""
-    found = list(observations)
-    own: dict[str, list[int]] = {}
-    for k, one in enumerate(observations):
-        if isinstance(one.table, PoseTable):
-            own.setdefault(one.setup, []).append(k)
+    split_up = list(observations)
+    members: dict[str, list[int]] = {}
+    for k, observation in enumerate(observations):
+        if isinstance(observation.table, PoseTable):
+            members.setdefault(observation.setup, []).append(k)
     settled: dict[str, list[Observation]] = {}
-    for setup in sorted(own, key=lambda name: -_readings(observations, name)):
-        runs = [observations[k] for k in own[setup]]
+    for setup in sorted(members, key=lambda name: -_readings(observations, name)):
+        runs = [observations[k] for k in members[setup]]
         name = _settled(model, settled, setup, runs)
-        settled[name] = [replace(one, setup=name) for one in runs]
-        for k, one in zip(own[setup], settled[name], strict=True):
-            found[k] = one
-    named = {found[places[0]].setup: [names[k] for k in places] for places in own.values()}
-    return found, _of_targets(named) if any(map(target_of, named)) else _of_placements(named)
+        settled[name] = [replace(observation, setup=name) for observation in runs]
+        for k, observation in zip(members[setup], settled[name], strict=True):
+            split_up[k] = observation
+    named = {split_up[places[0]].setup: [names[k] for k in places] for places in members.values()}
+    return split_up, _of_targets(named) if any(map(target_of, named)) else _of_placements(named)
 
 
 def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, runs: Sequence[Observation]) -> str:
@@ -110,27 +110,32 @@ def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, ru
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
     another = targeted(setup, str(len(targets) + 1))
-    trials = {targeted(setup, target): [one for one in settled if target_of(one) == target] for target in targets}
+    trials = {
+        targeted(setup, target): [observation for observation in settled if target_of(observation) == target]
+        for target in targets
+    }
     frame = setup.partition(FRAME)[0]
     if frame != setup:
-        trials[targeted(frame, str(len(targets) + 1))] = [one for one in settled if placement_of(one) == frame]
+        trials[targeted(frame, str(len(targets) + 1))] = [
+            observation for observation in settled if placement_of(observation) == frame
+        ]
     fits = []
     for name, homes in trials.items():
         if homes:
-            beside = _beside(model, settled[homes[0]], runs, name)
-            if beside is not None:
-                fits.append((beside, name))
+            together_mm = _beside(model, settled[homes[0]], runs, name)
+            if together_mm is not None:
+                fits.append((together_mm, name))
     return min(fits)[1] if fits else another
 
 
 def _beside(model: Model, home: Sequence[Observation], runs: Sequence[Observation], name: str) -> float | None:
     """Return what runs leave, rms mm, as the set-up `name` beside those at home, None where that is more than both
     leave alone. Few poses are not judged: they have the target of the others."""
-    left = rms(_left(model, [*home, *(replace(one, setup=name) for one in runs)]))
-    if sum(one.values.size for one in runs) < terms_of(runs[0].table) + TO_SPARE:
-        return left if target_of(name) == target_of(home[0].setup) else None
-    alone = max(rms(_left(model, home)), rms(_left(model, runs)))
-    return left if left < max(_APART * alone, alone + _APART_MM) else None
+    moved_mm = rms(_left(model, [*home, *(replace(observation, setup=name) for observation in runs)]))
+    if sum(observation.values.size for observation in runs) < terms_of(runs[0].table) + TO_SPARE:
+        return moved_mm if target_of(name) == target_of(home[0].setup) else None
+    apart_mm = max(rms(_left(model, home)), rms(_left(model, runs)))
+    return moved_mm if moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM) else None
 
 
 def _of_placements(named: Mapping[str, list[str]]) -> list[str]:
@@ -138,7 +143,7 @@ def _of_placements(named: Mapping[str, list[str]]) -> list[str]:
     frames: dict[str, list[list[str]]] = {}
     for setup, names in sorted(named.items()):
         frames.setdefault(setup.partition(FRAME)[0], []).append(names)
-    return [_of_frames(setup, own) for setup, own in frames.items() if len(own) > 1]
+    return [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
 
 
 def _of_targets(named: Mapping[str, list[str]]) -> list[str]:
@@ -160,48 +165,55 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
     """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
     Raises FileError if there are none."""
     tool_known = {
-        (type(one.table), target_of(one.setup)) for one in observations if _spare(observations, one.setup) > 0
+        (type(observation.table), target_of(observation.setup))
+        for observation in observations
+        if _spare(observations, observation.setup) > 0
     }
     reasons: dict[str, str] = {}
-    for one in observations:
-        shares = isinstance(one.table, PlaceTable) and (type(one.table), target_of(one.setup)) in tool_known
-        terms = terms_of(one.table) - 3 * shares
-        readings = _readings(observations, one.setup)
+    for observation in observations:
+        shares = (
+            isinstance(observation.table, PlaceTable)
+            and (type(observation.table), target_of(observation.setup)) in tool_known
+        )
+        terms = terms_of(observation.table) - 3 * shares
+        readings = _readings(observations, observation.setup)
         if readings <= terms:
-            reasons[one.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
-    kept = [k for k, one in enumerate(observations) if one.setup not in reasons]
+            reasons[observation.setup] = (
+                f"its {readings} readings are too few for the {terms} terms of the set-up alone"
+            )
+    kept = [k for k, observation in enumerate(observations) if observation.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
         raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
     return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
 
 
-def same_arm(one: Arm, other: Arm) -> bool:
+def same_arm(first: Arm, second: Arm) -> bool:
     """Whether two arms have the same link constants and couplings, and rails."""
-    rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (one, other))
+    rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (first, second))
     return np.allclose(rail, other_rail, atol=1e-9) and all(
-        np.allclose(getattr(one, constant), getattr(other, constant), atol=1e-9)
+        np.allclose(getattr(first, constant), getattr(second, constant), atol=1e-9)
         for constant in ("a", "alpha", "beta", "d", "offset", "coupling")
     )
 
 
 def _readings(observations: Sequence[Observation], setup: str) -> int:
-    return sum(one.values.size for one in observations if one.setup == setup)
+    return sum(observation.values.size for observation in observations if observation.setup == setup)
 
 
 def _spare(observations: Sequence[Observation], setup: str) -> int:
-    table = next(one.table for one in observations if one.setup == setup)
+    table = next(observation.table for observation in observations if observation.setup == setup)
     return _readings(observations, setup) - terms_of(table)
 
 
 def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
     """Return circles grouped by frame: first those of each direction, which are then matched."""
     few = {k: thinned(observations[k], _ENOUGH_ROWS) for k in places}
-    alone = {k: fit_setups([(model, one)])[one.setup] for k, one in few.items()}
+    placed = {k: fit_setups([(model, observation)])[observation.setup] for k, observation in few.items()}
 
-    def moved_mm(one: int, other: int) -> float:
-        here, there = (predicted(model, few[other], alone[k]) for k in (one, other))
-        return rms([there - here])
+    def moved_mm(first: int, second: int) -> float:
+        at_first, at_second = (predicted(model, few[second], placed[k]) for k in (first, second))
+        return rms([at_second - at_first])
 
     ways: dict[str, list[list[int]]] = {}
     for k in places:
@@ -248,13 +260,13 @@ def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
     *others, last = runs
     together = _left(model, runs)
     if last.values.size < terms_of(last.table) + TO_SPARE:
-        alone = rms(_left(model, others))
+        apart_mm = rms(_left(model, others))
     else:
-        alone = max(rms(_left(model, others)), rms(_left(model, [last])))
+        apart_mm = max(rms(_left(model, others)), rms(_left(model, [last])))
     apart = max(rms(together[:-1]), rms(together[-1:]))
-    return apart < _APART * alone or apart < alone + _APART_MM
+    return apart < _APART * apart_mm or apart < apart_mm + _APART_MM
 
 
 def _left(model: Model, runs: Sequence[Observation]) -> list[Array]:
     """Return the residuals (m, k) mm of runs with their set-ups fitted."""
-    return residuals_of(model, runs, fit_setups([(model, one) for one in runs]))
+    return residuals_of(model, runs, fit_setups([(model, observation) for observation in runs]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
@@ -63,46 +63,50 @@ class FurtherTest:
 def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
     """Return the tests that are not among `tests`, including set-ups that the rig file does not contain."""
     missing: tuple[TestName, ...] = tuple(test for test in CIRCLES if test not in tests)
-    found = []
+    further = []
     if missing and rig.tests.circle:
         words = f"{' and '.join(missing)} on the circle"
-        found.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
+        further.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
     if rig.tests.hemisphere:
         if "radial" not in tests:
-            found.append(FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),)))
+            further.append(
+                FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),))
+            )
         if "repeatability" not in tests:
-            found.append(FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),)))
+            further.append(
+                FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),))
+            )
     if rig.tests.touch and "touch" not in tests:
-        found.append(FurtherTest(("touch",), "one place in many postures, without gauges", (("touch", rig),)))
+        further.append(FurtherTest(("touch",), "one place in many postures, without gauges", (("touch", rig),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
-    return found + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
+    return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
 
 def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[FurtherTest]:
     circles: tuple[TestName, ...] = tuple(test for test in CIRCLES if test in tests) or CIRCLES
     nearby = places(rig, circle)
-    found = []
+    further = []
     for radius in other_radii(circle):
         words = f"circle of radius {radius:g} mm"
         choices = [(words, with_circle(rig, circle, radius_mm=radius))]
         choices += [(f"{words}, {w}", with_circle(rig, circle, radius_mm=radius, centre_mm=at)) for w, at in nearby]
-        found.append(
+        further.append(
             FurtherTest(
                 circles, "the effect of an angle grows with the radius, that of a length does not", tuple(choices)
             )
         )
     elsewhere = tuple((f"circle {words}", with_circle(rig, circle, centre_mm=at)) for words, at in nearby)
-    found.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
+    further.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
     speed = FASTER * circle.speed_mm_s
     faster = ((f"circle at {speed:g} mm/s", with_circle(rig, circle, speed_mm_s=speed)),)
-    found.append(
+    further.append(
         FurtherTest(circles, "the effect of a delay grows with the speed, that of a play or a length does not", faster)
     )
-    beside = ball_off_axis(rig)
-    if beside:
+    off_axis = ball_off_axis(rig)
+    if off_axis:
         words = f"circle with the ball {OFF_AXIS_MM:g} mm off axis 6"
-        found.append(FurtherTest(circles, "the ball moves when axis 6 turns", ((words, beside),)))
-    return found
+        further.append(FurtherTest(circles, "the ball moves when axis 6 turns", ((words, off_axis),)))
+    return further
 
 
 def other_radii(circle: Circle) -> tuple[float, ...]:
@@ -167,16 +171,21 @@ class PossibleTest:
     set_ups: int
 
 
+FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
+"""Makes the further tests that an arm can drive, and those that it cannot drive with the reason: simulated when they
+are asked for."""
+
+
 def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
     """Return possible tests with the sigmas by which they separate the two closest of some effects at their sizes, the
     best first; empty for fewer than two effects."""
     pairs = list(permutations(effects, 2))
-    found = [
-        SeparatingTest(one.test, min(one.expected.separation_sigma([a], phases(b)) for a, b in pairs), one.why)
-        for one in possible
+    separations = [
+        SeparatingTest(test.test, min(test.expected.separation_sigma([a], phases(b)) for a, b in pairs), test.why)
+        for test in possible
         if pairs
     ]
-    return best_first(found)
+    return best_first(separations)
 
 
 def possible_tests(
@@ -189,23 +198,23 @@ def possible_tests(
 ) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
     """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
     the reason."""
-    found, impossible = [], []
+    possible, impossible = [], []
     shared = [SharedBlock(block, (), setups[block.one.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
         refused = ""
         for words, moved in further.choices:
             try:
-                more, places = planned_blocks(moved, further.tests, runs, _ELSEWHERE)
+                added, places = planned_blocks(moved, further.tests, runs, _ELSEWHERE)
             except FileError as error:
                 refused = refused or error.what
                 continue
-            expected = ExpectedPosterior(beside(shared, without_bands(more), places), level)
-            set_ups = len({block.one.setup for block in more})
-            found.append(PossibleTest(words, further.why, expected, _minutes(more), len(more), set_ups))
+            expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
+            set_ups = len({block.one.setup for block in added})
+            possible.append(PossibleTest(words, further.why, expected, _minutes(added), len(added), set_ups))
             break
         else:
             impossible.append((further.choices[0][0], refused))
-    return found, impossible
+    return possible, impossible
 
 
 def _minutes(blocks: Sequence[Block]) -> float:
@@ -213,9 +222,9 @@ def _minutes(blocks: Sequence[Block]) -> float:
     return sum(block.count * float(np.ptp(block.one.path.t_s)) for block in blocks) / 60
 
 
-def best_first(found: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
+def best_first(tests: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
     """Return the tests ordered by the sigmas by which they separate."""
-    return tuple(sorted(found, key=lambda one: -one.sigma))
+    return tuple(sorted(tests, key=lambda test: -test.sigma))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -256,15 +265,15 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     """Return the candidates that represent each name, a gear by its orders and in the middle one of its forms, and
     their detectabilities."""
     forms: dict[str, list[Candidate]] = {}
-    for one in expected.candidates:
-        forms.setdefault(label_of(one.effect), []).append(one)
+    for candidate in expected.candidates:
+        forms.setdefault(label_of(candidate.effect), []).append(candidate)
     zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)])
     chosen, detectabilities = [], []
-    for label, own in forms.items():
-        one = sorted(own, key=lambda form: form.size)[len(own) // 2]
-        effect, sd = healthy(one.effect), expected.sd(one)
+    for label, candidates in forms.items():
+        candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
+        effect, sd = healthy(candidate.effect), expected.sd(candidate)
         hidden = "" if is_detectable(sd) else _reason(expected.linear, effect, zeros)
-        chosen.append(one)
+        chosen.append(candidate)
         detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
     return chosen, detectabilities
 
@@ -273,15 +282,15 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     """Return why an effect cannot be detected; `zeros` (6,) are the sigmas of each joint's zero, were the
     set-up known."""
     column = linear.columns([effect])[:, 0]
-    whole, own = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
-    if whole > _NOTHING and own < _OWN_SHARE * whole:
+    whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
+    if whole > _NOTHING and remaining < _OWN_SHARE * whole:
         return f"the set-up absorbs it: {_set_up_of(linear)}, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
     if LARGEST_FAULT * whole < _NOTHING:
         return effect.idle
-    if LARGEST_FAULT * own < DETECTABLE:
+    if LARGEST_FAULT * remaining < DETECTABLE:
         return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
     return "the other effects of a healthy arm hide it"
 
@@ -301,16 +310,18 @@ def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:
 
 def by_name(detectabilities: Sequence[Detectability]) -> dict[str, tuple[Detectability, ...]]:
     """Return detectabilities by the name of an effect: one each, or those of the orders of a gear."""
-    found: dict[str, tuple[Detectability, ...]] = {}
-    for one in detectabilities:
-        name = name_of(one.effect)
-        found[name] = (*found.get(name, ()), one)
-    return found
+    named: dict[str, tuple[Detectability, ...]] = {}
+    for detectability in detectabilities:
+        name = name_of(detectability.effect)
+        named[name] = (*named.get(name, ()), detectability)
+    return named
 
 
 def undetectable(detectabilities: Sequence[Detectability]) -> tuple[str, ...]:
     """Return the names of which nothing can be detected."""
-    return tuple(name for name, forms in by_name(detectabilities).items() if all(one.hidden for one in forms))
+    return tuple(
+        name for name, forms in by_name(detectabilities).items() if all(detectability.hidden for detectability in forms)
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -383,17 +394,17 @@ def _close_pairs(
 ) -> list[ClosePair]:
     """Return the pairs of names separated by less than SEPARABLE in either direction, the closest first. Orders of one
     gear are not rivals."""
-    seen = [k for k, one in enumerate(detectabilities) if not one.hidden]
+    seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
     sizes = [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in seen]
-    found: dict[tuple[str, str], ClosePair] = {}
+    closest: dict[tuple[str, str], ClosePair] = {}
     for i, j in expected.close_pairs([chosen[k] for k in seen], np.array(sizes)):
         bare = ClosePair((chosen[seen[i]], chosen[seen[j]]), (sizes[i], sizes[j]), 0.0)
-        one = replace(bare, sigma=separation_sigma(expected, bare))
-        if one.sigma < SEPARABLE:
-            known = found.get(one.names)
-            nearer = one if known is None or one.sigma < known.sigma else known
-            found[one.names] = replace(nearer, others=known.others + 1 if known else 0)
-    return sorted(found.values(), key=lambda one: one.sigma)
+        pair = replace(bare, sigma=separation_sigma(expected, bare))
+        if pair.sigma < SEPARABLE:
+            earlier = closest.get(pair.names)
+            nearer = pair if earlier is None or pair.sigma < earlier.sigma else earlier
+            closest[pair.names] = replace(nearer, others=earlier.others + 1 if earlier else 0)
+    return sorted(closest.values(), key=lambda pair: pair.sigma)
 
 
 def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
@@ -445,7 +456,7 @@ class Plan:
     @property
     def hidden(self) -> tuple[Detectability, ...]:
         """What these tests cannot detect, with a separate entry for each order of a gear."""
-        return tuple(one for one in self.detectabilities if one.hidden)
+        return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
     @property
     def undetectable(self) -> tuple[str, ...]:
@@ -472,11 +483,14 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     return Plan(
         tuple(tests),
         runs,
-        tuple(replace(one, further=further.get(name_of(one.effect), ())) for one in judgement.detectabilities),
-        _groups([one.names for one in judgement.pairs]),
         tuple(
-            Pair((label_of(one.first[0]), label_of(one.second[0])), one.sigma, one.others, further[one.names])
-            for one in judgement.pairs
+            replace(detectability, further=further.get(name_of(detectability.effect), ()))
+            for detectability in judgement.detectabilities
+        ),
+        _groups([pair.names for pair in judgement.pairs]),
+        tuple(
+            Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
+            for pair in judgement.pairs
         ),
         gains,
         tuple(impossible),
@@ -492,12 +506,12 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
         if rig.tests.touch and not circle and not rig.tests.hemisphere:
             return ("touch",)
         return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
-    known: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability", "touch")
+    every: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability", "touch")
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
-        if name not in known:
-            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(known)}")
-    return tuple(name for name in known if name in asked)
+        if name not in every:
+            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(every)}")
+    return tuple(name for name in every if name in asked)
 
 
 def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
@@ -516,18 +530,18 @@ def _further_tests(
     """Return the further tests for each pair of names and for each undetectable name, the best first, and what each
     test gains, the most first."""
     hidden, near = judgement.undetectable, judgement.pairs
-    asked: list[str | tuple[str, str]] = [*hidden, *(one.names for one in near)]
-    further: dict[str | tuple[str, str], list[SeparatingTest]] = {one: [] for one in asked}
+    asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
+    further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}
     gains = []
-    for one in possible:
-        sigma: dict[str | tuple[str, str], float] = {pair.names: separation_sigma(one.expected, pair) for pair in near}
+    for test in possible:
+        sigma: dict[str | tuple[str, str], float] = {pair.names: separation_sigma(test.expected, pair) for pair in near}
         parted = sum(map(is_separable, sigma.values()))
-        sds = {name: one.expected.sd_of_name(name) for name in hidden}
-        gains.append(Gain(one.test, one.why, parted, sum(map(is_detectable, sds.values()))))
+        sds = {name: test.expected.sd_of_name(name) for name in hidden}
+        gains.append(Gain(test.test, test.why, parted, sum(map(is_detectable, sds.values()))))
         sigma |= {name: 1 / sd for name, sd in sds.items()}
-        for what, own in sigma.items():
-            further[what].append(SeparatingTest(one.test, own, one.why))
+        for key, value in sigma.items():
+            further[key].append(SeparatingTest(test.test, value, test.why))
     return (
-        {what: best_first(found) for what, found in further.items()},
+        {key: best_first(tests) for key, tests in further.items()},
         tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
     )

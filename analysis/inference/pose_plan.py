@@ -50,20 +50,20 @@ class Pool:
 
     def choose(self, count: int) -> Integers:
         """The numbers (count,) of the poses to measure, the one that shows most first."""
-        left, chosen = self.covariance.copy(), list[int]()
+        covariance, chosen = self.covariance.copy(), list[int]()
         for _ in range(min(count, len(self.q))):
-            gain = _gains(left, self.sd_mm)
+            gain = _gains(covariance, self.sd_mm)
             gain[chosen] = -np.inf
             chosen.append(int(np.argmax(gain)))
-            _measure(left, chosen[-1])
+            _measure(covariance, chosen[-1])
         return np.array(chosen, dtype=np.int64)
 
     def u_mm(self, chosen: Integers) -> float:
         """The uncertainty of the tool's place over the pool, rms in mm, once the poses chosen (k,) are measured."""
         rows = (3 * chosen[:, None] + np.arange(3)).ravel()
         across = self.covariance[rows]
-        told = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
-        return float(np.sqrt(3 * np.mean((np.diagonal(self.covariance) - told) * self.sd_mm**2)))
+        explained = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
+        return float(np.sqrt(3 * np.mean((np.diagonal(self.covariance) - explained) * self.sd_mm**2)))
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class PlannedPoses:
         """The poses as a table, a row each: q1_deg … and the nominal place."""
         header = ["pose", *(f"q{axis}_deg" for axis in range(1, self.q.shape[1] + 1)), "nominal_x_mm", "nominal_y_mm"]
         rows = np.column_stack([np.degrees(self.q), self.xyz_mm])
-        lines = [f"{k}," + ",".join(f"{one:.6f}" for one in row) for k, row in enumerate(rows.tolist(), start=1)]
+        lines = [f"{k}," + ",".join(f"{angle:.6f}" for angle in row) for k, row in enumerate(rows.tolist(), start=1)]
         return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
@@ -116,25 +116,27 @@ class PlannedPoses:
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None) -> PlannedPoses:
     """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker. Raises FileError."""
     if rig.robot.rail:
-        what = "stands on a rail, and poses are planned of an arm that stands"
+        problem = "stands on a rail, and poses are planned of an arm that stands"
         raise FileError(
-            RigPlace.of(rig.name), what, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
+            RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
         )
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
-        what = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
-        raise FileError(RigPlace.of(rig.name), what, "put the tracker elsewhere, turn its target, or plan fewer poses")
+        problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
+        raise FileError(
+            RigPlace.of(rig.name), problem, "put the tracker elsewhere, turn its target, or plan fewer poses"
+        )
     pool = pool_of(rig, q)
     chosen = pool.choose(count)
     u_mm = pool.u_mm(chosen)
     shuffled = [rng.permutation(len(q)) for _ in range(_SHUFFLES)]
 
     def random(number: int) -> float:
-        return float(np.median([pool.u_mm(one[:number]) for one in shuffled]))
+        return float(np.median([pool.u_mm(order[:number]) for order in shuffled]))
 
-    more = (number for number in range(count, len(q), max(1, count // 15)))
-    as_good = next((number for number in more if random(number) <= u_mm), None)
+    further = (number for number in range(count, len(q), max(1, count // 15)))
+    as_good = next((number for number in further if random(number) <= u_mm), None)
     driven = in_order_of_ways(arm, q[chosen])
     places = forward(arm, driven)[:, :3, 3]
     return PlannedPoses(driven, places, u_mm, random(count), as_good, count)
@@ -147,24 +149,24 @@ def pool_of(rig: Rig, q: Array) -> Pool:
     setups = {run.one.setup: nominal_setup(rig, table)}
     (block,) = blocks = without_bands(blocks_of([run], setups))
     linear = linearise(blocks, setups)
-    columns = columns_for(linear, [one for one in candidates_for(linear) if not is_play(one.effect)])
+    columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
     variance = columns.variance(_LEVEL)
-    own = columns.X[:, columns.set_ups]
-    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(own**2, axis=0)
+    of_set_ups = columns.X[:, columns.set_ups]
+    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
     half = columns.X * np.sqrt(variance)
     return Pool(q, half @ half.T, block.sd_mm)
 
 
-def _gains(left: Array, sd_mm: Array) -> Array:
+def _gains(covariance: Array, sd_mm: Array) -> Array:
     """What each pose (n,) would take from the variance of all places, mm²."""
-    rows = left.reshape(-1, 3, len(left))
+    rows = covariance.reshape(-1, 3, len(covariance))
     seen = (rows * sd_mm**2) @ rows.transpose(0, 2, 1)
-    own = np.stack([left[k : k + 3, k : k + 3] for k in range(0, len(left), 3)]) + np.eye(3)
-    return np.asarray(np.trace(np.linalg.solve(own, seen), axis1=1, axis2=2))
+    blocks = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
+    return np.asarray(np.trace(np.linalg.solve(blocks, seen), axis1=1, axis2=2))
 
 
-def _measure(left: Array, pose: int) -> None:
+def _measure(covariance: Array, pose: int) -> None:
     """Take from the covariance of all places what a pose shows."""
     rows = slice(3 * pose, 3 * pose + 3)
-    across = left[:, rows]
-    left -= across @ np.linalg.solve(across[rows] + np.eye(3), across.T)
+    across = covariance[:, rows]
+    covariance -= across @ np.linalg.solve(across[rows] + np.eye(3), across.T)

@@ -59,16 +59,16 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     kept = [k for k in range(len(runs)) if k not in wrong]
     seen, far = _without_far(seen, names, set(kept))
     doubts += far
-    pieces = [(k, replace(seen[k], one=one)) for k in kept for one in by_socket(seen[k].one)]
+    pieces = [(k, replace(seen[k], one=observation)) for k in kept for observation in by_socket(seen[k].one)]
     found, split = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
     doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + split
     doubts += _likely(found_wrong)
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
-        own = [run for (k, _), run in zip(pieces, found, strict=True) if use_of[k] == number]
-        enough, too_few = with_enough_readings([run.one for run in own]) if own else ([], [])
-        parts.append([own[k] for k in enough])
+        of_use = [run for (k, _), run in zip(pieces, found, strict=True) if use_of[k] == number]
+        enough, too_few = with_enough_readings([run.one for run in of_use]) if of_use else ([], [])
+        parts.append([of_use[k] for k in enough])
         doubts += too_few
     return parts, doubts
 
@@ -102,14 +102,14 @@ def _hold_some(used: Sequence[Measured], runs: Sequence[Measured], wrong: Mappin
 
 def _likely(findings: Sequence[Finding]) -> list[str]:
     """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it."""
-    likely = [one for one in findings if one.convention in (ORDER, SIGN) and one.strength == "likely"]
+    likely = [finding for finding in findings if finding.convention in (ORDER, SIGN) and finding.strength == "likely"]
     doubts = []
-    for meant in dict.fromkeys(one.meant for one in likely):
-        names = [name for one in likely if one.meant == meant for name in one.runs]
-        more = f" and {len(names) - 1} more" * (len(names) > 1)
+    for meant in dict.fromkeys(finding.meant for finding in likely):
+        names = [name for finding in likely if finding.meant == meant for name in finding.runs]
+        others = f" and {len(names) - 1} more" * (len(names) > 1)
         doubts.append(
-            f"{meant} in {names[0]}{more}, where repeats cannot show it; every size would be wrong then: press a probe "
-            "to see which is which before anything is corrected"
+            f"{meant} in {names[0]}{others}, where repeats cannot show it; every size would be wrong then: press a "
+            "probe to see which is which before anything is corrected"
         )
     return doubts
 
@@ -118,12 +118,12 @@ def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
     """Return a message with the number of wild readings of circles, from the name, wild readings and table of
     each run."""
     circles = [(name, wild, table.g_mm.size) for name, wild, table in counted if isinstance(table, CircleTable)]
-    wild, readings = sum(one[1] for one in circles), sum(one[2] for one in circles)
+    wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
     if wild <= _FEW * readings:
         return []
-    most = max(circles, key=lambda one: one[1])
-    what = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
-    return [f"{what} (most, {most[1]}, in {most[0]})"]
+    most = max(circles, key=lambda circle: circle[1])
+    message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+    return [f"{message} (most, {most[1]}, in {most[0]})"]
 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
@@ -143,12 +143,12 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
             cells.append(cell)
-        one = observe_run(model_of(cell), run.table, str(run.path))
-        placed = with_placement(one.one, run.run.manifest.placement)
+        observed = observe_run(model_of(cell), run.table, str(run.path))
+        placed = with_placement(observed.one, run.run.manifest.placement)
         place = cells.index(cell)
         # Another circle or other gauges need another set-up.
         setup = placed.setup + f" {place + 1}" * (place > 0)
-        seen.append(replace(one, one=replace(placed, setup=setup)))
+        seen.append(replace(observed, one=replace(placed, setup=setup)))
     return seen
 
 
@@ -157,12 +157,12 @@ def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
     found, doubts = list(seen), []
     for setup in dict.fromkeys(run.one.setup for run in seen):
         places = [k for k, run in enumerate(seen) if run.one.setup == setup]
-        own, words = split_by_frame(seen[places[0]].model, [seen[k].one for k in places], [names[k] for k in places])
-        for k, one in zip(places, own, strict=True):
-            found[k] = replace(seen[k], one=one)
+        split, words = split_by_frame(seen[places[0]].model, [seen[k].one for k in places], [names[k] for k in places])
+        for k, observation in zip(places, split, strict=True):
+            found[k] = replace(seen[k], one=observation)
         doubts += words
     apart, words = split_by_target(seen[0].model, [run.one for run in found], names) if found else ([], [])
-    return [replace(run, one=one) for run, one in zip(found, apart, strict=True)], [*doubts, *words]
+    return [replace(run, one=observation) for run, observation in zip(found, apart, strict=True)], [*doubts, *words]
 
 
 def _without_far(
@@ -195,8 +195,10 @@ def _far_of(run: ObservedRun) -> Far | None:
     return far_touches(table, forward(arm, table.q)) if isinstance(table, TouchTable) else None
 
 
-def _differing(one: Rig, other: Rig) -> str:
-    fields = [name for name in type(one.robot).model_fields if getattr(one.robot, name) != getattr(other.robot, name)]
+def _differing(rig: Rig, other_rig: Rig) -> str:
+    fields = [
+        name for name in type(rig.robot).model_fields if getattr(rig.robot, name) != getattr(other_rig.robot, name)
+    ]
     return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
 
 
@@ -227,14 +229,14 @@ def without_wild(
     far = [spreads > _limit(runs[k]) for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
-        one = runs[k].one
-        if one.setup in kept:
+        observation = runs[k].one
+        if observation.setup in kept:
             if wild.any():
-                shared.append(_shared(one, int(wild.sum()), float(distance_mm.max())))
+                shared.append(_shared(observation, int(wild.sum()), float(distance_mm.max())))
             continue
-        sound[k] = replace(runs[k], one=part(one, ~wild))
+        sound[k] = replace(runs[k], one=part(observation, ~wild))
         if wild.any():
-            far_mm[one.setup] = max(far_mm.get(one.setup, 0.0), float(distance_mm.max()))
+            far_mm[observation.setup] = max(far_mm.get(observation.setup, 0.0), float(distance_mm.max()))
     doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
     return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
 
@@ -247,20 +249,20 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
     """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
     themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
     poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PlaceTable)]
-    found = set()
+    kept = set()
     for setup in dict.fromkeys(runs[k].one.setup for k in poses):
-        own = [k for k in poses if runs[k].one.setup == setup]
-        angles = np.concatenate([runs[k].one.table.q[runs[k].one.rows] for k in own])
-        if not by_accident(np.concatenate([wild[k] for k in own]), angles):
-            found.add(setup)
-    return found
+        members = [k for k in poses if runs[k].one.setup == setup]
+        angles = np.concatenate([runs[k].one.table.q[runs[k].one.rows] for k in members])
+        if not by_accident(np.concatenate([wild[k] for k in members]), angles):
+            kept.add(setup)
+    return kept
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
     """Return how far the readings (m,) of each run are from the model, in mm and in robust standard deviations of their
     set-up, with set-ups fitted to those that are near."""
     near: list[Mask] = [np.ones(len(run.one.rows), dtype=bool) for run in runs]
-    found: list[tuple[Array, Array]] = []
+    distances_found: list[tuple[Array, Array]] = []
     for _ in range(_STEPS):
         those = [replace(run, one=part(run.one, mask)) for run, mask in zip(runs, near, strict=True)]
         setups, _ = fit_run_setups(those)
@@ -269,29 +271,29 @@ def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
         for setup in setups:
             every = [mm for run, mm in zip(runs, distances, strict=True) if run.one.setup == setup]
             sd_mm[setup] = max(1.4826 * float(np.median(np.concatenate(every))), TARGET_MM.high)
-        found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
-        near = [spreads <= _NEAR for _, spreads in found]
-    return found
+        distances_found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
+        near = [spreads <= _NEAR for _, spreads in distances_found]
+    return distances_found
 
 
-def _shared(one: Observation, far: int, most_mm: float) -> str:
+def _shared(observation: Observation, far: int, most_mm: float) -> str:
     """Return what a person should know of readings that are far off and no accident."""
     return (
-        f"{far} of {len(one.rows)} readings of {one.setup} lie far from all others, up to {most_mm:.1f} mm, and are "
-        "not left out: so many, or all in one range of a joint, are no lost points; check the signs, order and zeros "
-        "of the joints, and whether instrument or base moved"
+        f"{far} of {len(observation.rows)} readings of {observation.setup} lie far from all others, up to "
+        f"{most_mm:.1f} mm, and are not left out: so many, or all in one range of a joint, are no lost points; check "
+        "the signs, order and zeros of the joints, and whether instrument or base moved"
     )
 
 
 def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: str, most_mm: float, use: str) -> str:
     """Return what a person should know of the wild readings of a set-up."""
-    own = [k for k, run in enumerate(runs) if run.one.setup == setup]
-    count = sum(len(runs[k].one.rows) for k in own)
-    wild = count - sum(len(sound[k].one.rows) for k in own)
-    if isinstance(runs[own[0]].one.table, PlaceTable):
-        what, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+    members = [k for k, run in enumerate(runs) if run.one.setup == setup]
+    count = sum(len(runs[k].one.rows) for k in members)
+    wild = count - sum(len(sound[k].one.rows) for k in members)
+    if isinstance(runs[members[0]].one.table, PlaceTable):
+        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
     else:
-        what = f"readings at the targets of {setup}"
+        kind = f"readings at the targets of {setup}"
         check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
     are = "is wild" if wild == 1 else "are wild"
-    return f"{wild} of {count} {what} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: {check}"
+    return f"{wild} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: {check}"

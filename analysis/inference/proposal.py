@@ -70,19 +70,19 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     Raises FileError for a rig without a circle to begin from."""
     if rig.tests.circle is None:
         raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
-    found, refused = [], Counter[str]()
-    for words, other in _circles(rig, rig.tests.circle):
+    circles, refused = [], Counter[str]()
+    for words, other_rig in _circles(rig, rig.tests.circle):
         try:
-            program = circle_program(other, "acw")
+            program = circle_program(other_rig, "acw")
         except PathError as error:
             refused[_REASONS[error.reason]] += 1
             continue
-        assert other.tests.circle is not None  # noqa: S101 - each has one
+        assert other_rig.tests.circle is not None  # noqa: S101 - each has one
         start_deg = np.degrees(program.q[0]).round(2).tolist()
-        ready = with_circle(other, other.tests.circle, posture_deg=tuple(start_deg))
+        ready = with_circle(other_rig, other_rig.tests.circle, posture_deg=tuple(start_deg))
         driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
-        found.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
-    return CircleCandidates(tuple(found), refused)
+        circles.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
+    return CircleCandidates(tuple(circles), refused)
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
@@ -97,9 +97,9 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
     for words, normal in _tilts(circle):
         yield words, with_circle(rig, circle, normal=normal)
     yield f"{FASTER} times as fast", with_circle(rig, circle, speed_mm_s=FASTER * circle.speed_mm_s)
-    beside = ball_off_axis(rig)
-    if beside:
-        yield f"ball {OFF_AXIS_MM:g} mm off axis 6", beside
+    off_axis = ball_off_axis(rig)
+    if off_axis:
+        yield f"ball {OFF_AXIS_MM:g} mm off axis 6", off_axis
 
 
 def _tilts(circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
@@ -131,7 +131,7 @@ class Reached:
 
     def gain_over(self, before: Reached) -> float:
         """Return the information in nats that is gained about all aims, up to where they are testable."""
-        then, now = (np.clip(one.share, _FAINT, 1.0) for one in (self, before))
+        then, now = (np.clip(reached.share, _FAINT, 1.0) for reached in (self, before))
         return float(np.log(then / now).sum())
 
     def newly(self, before: Reached) -> tuple[int, ...]:
@@ -154,20 +154,22 @@ class Aims:
         self._forms = forms
         self._names = judgement.undetectable
         self._pairs = judgement.pairs
-        self._of_name = {name: [one for one in forms.candidates if one.name == name] for name in self._names}
-        self._ones = [one for pair in self._pairs for one in pair.candidates]
+        self._of_name = {
+            name: [candidate for candidate in forms.candidates if candidate.name == name] for name in self._names
+        }
+        self._ones = [candidate for pair in self._pairs for candidate in pair.candidates]
         self._sizes = np.array([size for pair in self._pairs for size in pair.sizes])
 
     def reached(self, information: Array) -> Reached:
         """Return how near runs with an information (p, p) come to the aims. The shapes of effects count as known; the
         final judgement fits them."""
-        known = self._forms.posterior(information)
-        sds = np.array([min(map(known.sd, self._of_name[name])) for name in self._names])
+        posterior = self._forms.posterior(information)
+        sds = np.array([min(map(posterior.sd, self._of_name[name])) for name in self._names])
         named = LARGEST_FAULT / (DETECTABLE * sds)
         apart = np.empty(0)
         if self._pairs:
             pairs = np.arange(len(self._ones), dtype=np.int64).reshape(-1, 2)
-            apart = known.sigmas_apart(self._ones, self._sizes, pairs) / SEPARABLE
+            apart = posterior.sigmas_apart(self._ones, self._sizes, pairs) / SEPARABLE
         return Reached(self._names, tuple(pair.names for pair in self._pairs), np.concatenate([named, apart]))
 
 
@@ -212,7 +214,7 @@ class Proposal:
     @property
     def used_min(self) -> float:
         """The minutes that the proposed circles take."""
-        return sum(one.candidate.minutes for one in self.circles)
+        return sum(circle.candidate.minutes for circle in self.circles)
 
 
 @dataclass(frozen=True)
@@ -243,12 +245,12 @@ def propose(
     expected = expected_posterior(blocks, setups)
     before = judged(expected)
     forms = FormInformation(expected.candidates)
-    affordable = [one for one in candidates.found if one.minutes <= minutes]
+    affordable = [candidate for candidate in candidates.found if candidate.minutes <= minutes]
     simulated = []
-    for k, one in enumerate(affordable, start=1):
+    for k, candidate in enumerate(affordable, start=1):
         progress(f"simulating circle {k} of {len(affordable)}")
-        own, places = planned_blocks(one.rig, circle_tests, runs, f" circle {k}")
-        simulated.append(_Simulated(one, own, places, forms.of(own, places)))
+        driven, places = planned_blocks(candidate.rig, circle_tests, runs, f" circle {k}")
+        simulated.append(_Simulated(candidate, driven, places, forms.of(driven, places)))
     circles = []
     for chosen, testable, separated in _chosen(Aims(forms, before), forms.of(blocks, setups), simulated, minutes):
         blocks, setups = [*blocks, *chosen.blocks], {**setups, **chosen.setups}
@@ -265,18 +267,18 @@ def _chosen(
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
     """Return the circles to drive beside tests with an information (p, p), the best first, each with the names that it
     makes testable and the pairs that it separates."""
-    found = []
-    rest, now = list(simulated), aims.reached(information)
-    while rest := [one for one in rest if one.candidate.minutes <= minutes]:
-        reached = [aims.reached(information + one.information) for one in rest]
-        worth = [
-            then.gain_over(now) / one.candidate.minutes if then.newly(now) else 0.0
-            for one, then in zip(rest, reached, strict=True)
+    chosen = []
+    remaining, now = list(simulated), aims.reached(information)
+    while remaining := [circle for circle in remaining if circle.candidate.minutes <= minutes]:
+        reached = [aims.reached(information + circle.information) for circle in remaining]
+        values = [
+            then.gain_over(now) / circle.candidate.minutes if then.newly(now) else 0.0
+            for circle, then in zip(remaining, reached, strict=True)
         ]
-        best = int(np.argmax(worth))
-        if not worth[best]:
+        best = int(np.argmax(values))
+        if not values[best]:
             break
-        one, then = rest.pop(best), reached[best]
-        found.append((one, *then.split(then.newly(now))))
-        information, now, minutes = information + one.information, then, minutes - one.candidate.minutes
-    return found
+        circle, then = remaining.pop(best), reached[best]
+        chosen.append((circle, *then.split(then.newly(now))))
+        information, now, minutes = information + circle.information, then, minutes - circle.candidate.minutes
+    return chosen

@@ -81,17 +81,17 @@ class Refined:
     @cached_property
     def known(self) -> FittedTerms:
         """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
-        beside = (*self.departures, self.free)
-        allowed = sum(one.columns.shape[1] for one in beside)
+        allowances = (*self.departures, self.free)
+        allowed = sum(response.columns.shape[1] for response in allowances)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
-        held = np.concatenate([self.to_limit, np.full(allowed, np.nan)])
+        to_limits = np.concatenate([self.to_limit, np.full(allowed, np.nan)])
         return FittedTerms(
             self.residual,
-            (*self.tangents, *beside),
+            (*self.tangents, *allowances),
             np.diag(precision),
             np.concatenate([away, np.zeros(allowed)]),
-            held,
+            to_limits,
         )
 
     def without(self, place: int) -> Refined:
@@ -127,18 +127,20 @@ def refine(
     before = fitted or no_effects(linear)
     old = len(before.effects)
     unknowns = (*before.unknowns, *_unknowns(effects, old))
-    beside = before.free if free is None else Response(free)
+    free_terms = before.free if free is None else Response(free)
 
     def solved(begin: Sequence[Effect], *, alike: bool) -> Refined:
-        own = [_departures(linear, one, alike=alike) for one in begin[old:]]
-        return _Problem(linear, background, before, unknowns, (*before.departures, *own), beside).solved(begin, rounds)
+        departures = [_departures(linear, effect, alike=alike) for effect in begin[old:]]
+        return _Problem(linear, background, before, unknowns, (*before.departures, *departures), free_terms).solved(
+            begin, rounds
+        )
 
     if fitted:
         # Beside what resembles it the fit of a new effect may go astray: a play ended at a fifth of its width.
-        found = solved(effects, alike=False)
-        if begins or not any(one.departures().alike for one in effects[old:]):
-            return found
-        effects = found.effects
+        first = solved(effects, alike=False)
+        if begins or not any(effect.departures().alike for effect in effects[old:]):
+            return first
+        effects = first.effects
     return solved(effects, alike=True)
 
 
@@ -146,8 +148,10 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
     """Return the departures (N, f) of an effect, or of the latest one near it, with what is `alike`."""
 
     def compute() -> Array:
-        own = departure_columns(linear, effect)
-        return fewest_columns(np.concatenate([own, alike_columns(linear, effect)], axis=1) if alike else own)
+        departures = departure_columns(linear, effect)
+        return fewest_columns(
+            np.concatenate([departures, alike_columns(linear, effect)], axis=1) if alike else departures
+        )
 
     steps = _steps_nearby(effect, _unknowns([effect], 0))
     return linear.near.of(f"departures{', alike' * alike}", effect, steps, compute)
@@ -156,8 +160,8 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
 def _steps_nearby(effect: Effect, unknowns: Sequence[Unknown]) -> dict[str, float]:
     """Return the differences of an effect's parameters over which its derivatives and departures hardly change."""
     steps = {unknown.field: _NEARBY * unknown.spread for unknown in unknowns}
-    own = size_field(effect)
-    steps[own] = _NEARBY * max(abs(float(getattr(effect, own))), healthy_size(effect))
+    size = size_field(effect)
+    steps[size] = _NEARBY * max(abs(float(getattr(effect, size))), healthy_size(effect))
     return steps | ({PHASE: float(np.degrees(_NEARBY))} if is_wave(effect) else {})
 
 
@@ -203,9 +207,9 @@ class _Problem:
 
     @cached_property
     def _inverse(self) -> Array:
-        own = self._allowed.products(self._allowed)
-        own[np.diag_indices_from(own)] += 1.0
-        return np.asarray(np.linalg.inv(own), dtype=float)
+        products = self._allowed.products(self._allowed)
+        products[np.diag_indices_from(products)] += 1.0
+        return np.asarray(np.linalg.inv(products), dtype=float)
 
     @cached_property
     def _before(self) -> _Projected:
@@ -231,8 +235,8 @@ class _Problem:
                 damped = H + damping * np.diag(np.diag(H))
                 step = step_within(limits - x, damped, gradient)[0]
                 tried = self._turned(x + step)
-                there = self._with(now, tried)
-                there_r = self._left(there)
+                nearer = self._with(now, tried)
+                there_r = self._left(nearer)
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -240,7 +244,7 @@ class _Problem:
             else:
                 break
             gained = cost - there_cost
-            x, now, r, cost = tried, there, there_r, there_cost
+            x, now, r, cost = tried, nearer, there_r, there_cost
             # A damping that was needed is mostly needed again.
             damping = damping / 10 if damping == least else damping
             slopes = self._slopes(now)
@@ -258,16 +262,16 @@ class _Problem:
 
     def _left(self, effects: Sequence[Effect]) -> _Projected:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
-        left = self.linear.residual(effects) - self.background.at_mean
-        return self._projected(self.background.weighed(left[:, None]))
+        residual = self.linear.residual(effects) - self.background.at_mean
+        return self._projected(self.background.weighed(residual[:, None]))
 
     def _projected(self, weighed: Weighed) -> _Projected:
         """Return weighed values (N, k) with their products with the departures and the free forms."""
         return _Projected(weighed, self._allowed.products(weighed))
 
-    def _product(self, one: _Projected, other: _Projected) -> Array:
+    def _product(self, first: _Projected, second: _Projected) -> Array:
         """Return one' (C + FF')⁻¹ other, with F the departures and free forms: (k, l) for values (N, k) and (N, l)."""
-        return one.weighed.products(other.weighed) - one.across.T @ self._inverse @ other.across
+        return first.weighed.products(second.weighed) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
         """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new ones,
@@ -282,7 +286,7 @@ class _Problem:
 
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
         """Return the derivatives (N, q) by the unknowns of each new effect. Effects add, so each has its own."""
-        unknowns = self.unknowns[sum(one.columns.shape[1] for one in self.fitted.tangents) :]
+        unknowns = self.unknowns[sum(tangent.columns.shape[1] for tangent in self.fitted.tangents) :]
         return tuple(
             self._slopes_of(effects[k], [unknown for unknown in unknowns if unknown.effect == k])
             for k in range(len(self.fitted.effects), len(effects))
@@ -359,26 +363,26 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
     values, turn = np.linalg.eigh(unit[:, None] * H * unit)
     root = np.sqrt(np.maximum(values, values[-1] * np.finfo(float).eps))
     along = turn.T @ (unit * gradient) / root
-    found = lsq_linear(root[:, None] * turn.T, along, (low / unit, high / unit), method="bvls")
-    bounded: Array = np.clip(np.asarray(found.x * unit, dtype=float), low, high)
-    held: Array = np.where(found.active_mask == 0, np.nan, bounded)
-    return bounded, held
+    solution = lsq_linear(root[:, None] * turn.T, along, (low / unit, high / unit), method="bvls")
+    bounded: Array = np.clip(np.asarray(solution.x * unit, dtype=float), low, high)
+    at_limit: Array = np.where(solution.active_mask == 0, np.nan, bounded)
+    return bounded, at_limit
 
 
 def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
     """Return the unknowns of the effects from index `first` on."""
-    found = []
+    unknowns = []
     for k, effect in enumerate(effects[first:], start=first):
-        found.append(Unknown(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
+        unknowns.append(Unknown(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
         if is_wave(effect):
-            found.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
+            unknowns.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
         for stretched in effect.STRETCHED:
             begin = float(getattr(effect, stretched.field))
-            found.append(
+            unknowns.append(
                 Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low)
             )
-        found += [Unknown(k, free.field, free.expected, free.spread) for free in effect.FREE]
-    return found
+        unknowns += [Unknown(k, free.field, free.expected, free.spread) for free in effect.FREE]
+    return unknowns
 
 
 def _step(effect: Any, unknown: Unknown) -> float:

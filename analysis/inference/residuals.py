@@ -49,45 +49,45 @@ class _Band:
         return bool(self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count)))
 
 
-def bands_above_noise(blocks: Sequence[Block], left: Array) -> tuple[ResidualBand, ...]:
-    """Return the bands that exceed their noise, those with the largest energy in mm² first, given the residual `left`
+def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[ResidualBand, ...]:
+    """Return the bands that exceed their noise, those with the largest energy in mm² first, given the `residual`
     (N,) in standard deviations of the noise."""
-    found = [band for band in _bands(blocks, left) if band.is_clear]
-    found.sort(key=lambda band: -band.energy_mm2)
-    parity = _parity(blocks, left)
-    return tuple(_described(band, parity) for band in found[:_REPORTED])
+    clear = [band for band in _bands(blocks, residual) if band.is_clear]
+    clear.sort(key=lambda band: -band.energy_mm2)
+    parity = _parity(blocks, residual)
+    return tuple(_described(band, parity) for band in clear[:_REPORTED])
 
 
-def _bands(blocks: Sequence[Block], left: Array) -> Iterator[_Band]:
+def _bands(blocks: Sequence[Block], residual: Array) -> Iterator[_Band]:
     begin = 0
     for block in blocks:
-        own = left[begin : begin + len(block.y_mm)]
-        begin += len(own)
+        of_block = residual[begin : begin + len(block.y_mm)]
+        begin += len(of_block)
         if not block.sampling:
-            yield _band(block, "targets", None, own, np.arange(len(own)))
+            yield _band(block, "targets", None, of_block, np.arange(len(of_block)))
             continue
         half = len(ORDER_OF) // 2
         for part, entries in (("distance", np.arange(half)), ("angle", np.arange(half, 2 * half))):
             for low, high in pairwise(BAND_EDGES):
-                here = entries[(ORDER_OF[entries] >= low) & (ORDER_OF[entries] < high)]
-                yield _band(block, part, (low, high - 1), own, here)
+                of_orders = entries[(ORDER_OF[entries] >= low) & (ORDER_OF[entries] < high)]
+                yield _band(block, part, (low, high - 1), of_block, of_orders)
 
 
-def _band(block: Block, part: str, orders: tuple[int, int] | None, own: Array, here: Integers) -> _Band:
-    energy = float(((own[here] * block.sd_mm[here]) ** 2).sum())
-    return _Band(block, part, orders, len(here), energy, float(np.mean(own[here] ** 2)))
+def _band(block: Block, part: str, orders: tuple[int, int] | None, of_block: Array, indices: Integers) -> _Band:
+    energy = float(((of_block[indices] * block.sd_mm[indices]) ** 2).sum())
+    return _Band(block, part, orders, len(indices), energy, float(np.mean(of_block[indices] ** 2)))
 
 
-def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], float]:
+def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, str], float]:
     """Return the correlation of the residual cw and acw at the same circle angles, by test and part."""
     parts: dict[tuple[TestName, Direction], Array] = {}
     begin = 0
     for block in blocks:
         table = block.one.table
         if isinstance(table, CircleTable):
-            parts[table.test, table.direction] = left[begin : begin + len(ORDER_OF)]
+            parts[table.test, table.direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
-    half, found = len(ORDER_OF) // 2, {}
+    half, correlations = len(ORDER_OF) // 2, {}
     for test in {test for test, _ in parts}:
         both = [parts.get((test, way)) for way in ("cw", "acw")]
         if both[0] is None or both[1] is None:
@@ -95,8 +95,8 @@ def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], 
         for part, entries in (("distance", slice(0, half)), ("angle", slice(half, 2 * half))):
             a, b = both[0][entries], both[1][entries]
             slow = ORDER_OF[entries] < _SLOW
-            found[test, part] = float(np.corrcoef(a[slow], b[slow])[0, 1])
-    return found
+            correlations[test, part] = float(np.corrcoef(a[slow], b[slow])[0, 1])
+    return correlations
 
 
 def _described(band: _Band, parity: dict[tuple[TestName, str], float]) -> ResidualBand:
@@ -105,9 +105,9 @@ def _described(band: _Band, parity: dict[tuple[TestName, str], float]) -> Residu
         return ResidualBand(test_of(table), None, "targets", None, band.ratio, f"targets scatter by {times}")
     assert band.orders is not None  # noqa: S101 - bands of circles have orders
     words = f"{band.orders[0]} to {band.orders[1]} cycles a lap, {times}"
-    same = parity.get((table.test, band.part))
-    if same is not None and abs(same) > 0.5:
-        words += ", alike in both directions" if same > 0 else ", of opposite sign in the other direction"
+    correlation = parity.get((table.test, band.part))
+    if correlation is not None and abs(correlation) > 0.5:
+        words += ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
     return ResidualBand(table.test, table.direction, band.part, band.orders, band.ratio, words)  # type: ignore[arg-type]
 
 
@@ -137,10 +137,10 @@ _MOST = 10
 
 def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
     """Return the worst places, the largest sigma first, given the residual of each block as its entries (N,) mm."""
-    found: list[Place] = []
-    for block, left in zip(blocks, left_mm, strict=True):
-        found += _on_circle(block, left) if block.sampling else _at_targets(block, left)
-    return tuple(sorted(found, key=lambda place: -place.sigma)[:_MOST])
+    all_places: list[Place] = []
+    for block, residual in zip(blocks, left_mm, strict=True):
+        all_places += _on_circle(block, residual) if block.sampling else _at_targets(block, residual)
+    return tuple(sorted(all_places, key=lambda place: -place.sigma)[:_MOST])
 
 
 def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
@@ -151,16 +151,16 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
 
 
-def _on_circle(block: Block, left: Array) -> list[Place]:
+def _on_circle(block: Block, residual: Array) -> list[Place]:
     table = block.one.table
     assert isinstance(table, CircleTable)  # noqa: S101 - blocks with a sampling are circles
     half = len(ORDER_OF) // 2
-    smooth = np.where(ORDER_OF <= _SMOOTH, left[: 2 * half], 0.0)
+    smooth = np.where(ORDER_OF <= _SMOOTH, residual[: 2 * half], 0.0)
     readings = curve(smooth)
-    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, one, 0.0)) for one in block.stamps_mm[: 2 * half].T]
+    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, column, 0.0)) for column in block.stamps_mm[: 2 * half].T]
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
     where = reversals_of(block)
-    found = []
+    places_there = []
     for part, of, entries in (("distance", _distance, slice(0, half)), ("angle", _angle, slice(half, 2 * half))):
         values = of(readings)
         # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
@@ -168,7 +168,7 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
         alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
-        noise = np.sqrt(alike**2 + sum((of(one) ** 2 for one in stamps), np.zeros(GRID)))
+        noise = np.sqrt(alike**2 + sum((of(stamp) ** 2 for stamp in stamps), np.zeros(GRID)))
         for begin, end in _stretches(np.abs(values) > _SIGMA * noise):
             rows = np.arange(begin, end) % GRID
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
@@ -179,16 +179,16 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
             span = float(np.ptp(offsets)) or 1.0
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
-            found.append(
+            places_there.append(
                 Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
             )
         for phi, joint, jump, sigma in _jumps(values, where, noise):
             why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
-            found.append(
+            places_there.append(
                 Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
             )
-    return found
+    return places_there
 
 
 def _distance(readings: Array) -> Array:
@@ -210,14 +210,14 @@ def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: Array) -> l
     over = np.abs(np.roll(values, -step) - np.roll(values, step))
     sigmas = over / np.hypot(np.roll(noise, -step), np.roll(noise, step))
     usual = float(np.median(over))
-    found = []
+    jumps = []
     for phi, joint in where:
         near = (round(phi / 360 * GRID) + np.arange(-step, step + 1)) % GRID
         largest = near[int(np.argmax(over[near]))]
         jump, sigma = float(over[largest]), float(sigmas[largest])
         if jump > _UNUSUAL * usual and sigma > _SIGMA:
-            found.append((phi, joint, jump, sigma))
-    return found
+            jumps.append((phi, joint, jump, sigma))
+    return jumps
 
 
 def _stretches(over: Array) -> list[tuple[int, int]]:
@@ -256,20 +256,20 @@ def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> 
     return "all along the circle" if end_deg - begin_deg > 300 else "stretch"
 
 
-def _at_targets(block: Block, left: Array) -> list[Place]:
+def _at_targets(block: Block, residual: Array) -> list[Place]:
     table = block.one.table
     if isinstance(table, PlaceTable):
-        size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
+        size = np.sqrt((residual.reshape(-1, 3) ** 2).sum(axis=1))
         noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), table.rows[block.one.rows]
-        what = "touches" if isinstance(table, TouchTable) else "poses"
+        stands_of = "touches" if isinstance(table, TouchTable) else "poses"
     else:
         assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
-        size, noise, number = np.abs(left), block.sd_mm, table.target
-        what = "targets"
+        size, noise, number = np.abs(residual), block.sd_mm, table.target
+        stands_of = "targets"
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {what}, worst {number[int(np.argmax(size))]}"
+    why = f"{over.sum()} of {len(size)} {stands_of}, worst {number[int(np.argmax(size))]}"
     return [
         Place(
             test_of(table),

@@ -52,19 +52,19 @@ class NearResponses:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
         units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
         kept = self._kept.setdefault((kind, name_of(effect)), [])
-        found = next((one for one in kept if _is_near(one[0], effect, steps)), None)
-        if found is None:
-            found = (effect, Response(compute()))
+        near = next((kept_one for kept_one in kept if _is_near(kept_one[0], effect, steps)), None)
+        if near is None:
+            near = (effect, Response(compute()))
         else:
-            kept.remove(found)
-        kept.insert(0, found)
+            kept.remove(near)
+        kept.insert(0, near)
         del kept[_KEPT:]
-        return found[1]
+        return near[1]
 
 
-def _is_near(one: Effect, other: Effect, steps: Mapping[str, float]) -> bool:
+def _is_near(first: Effect, second: Effect, steps: Mapping[str, float]) -> bool:
     """Return whether two effects of one name differ by at most `steps` in each parameter."""
-    before, after = (dict[str, Any](effect) for effect in (one, other))
+    before, after = (dict[str, Any](effect) for effect in (first, second))
     return all(
         value == after[name] or (name in steps and _apart(name, value, after[name]) <= steps[name])
         for name, value in before.items()
@@ -72,9 +72,9 @@ def _is_near(one: Effect, other: Effect, steps: Mapping[str, float]) -> bool:
     )
 
 
-def _apart(name: str, one: float, other: float) -> float:
+def _apart(name: str, value: float, other_value: float) -> float:
     """Return the difference of two values of a parameter, of phases the smaller way round."""
-    apart = abs(one - other)
+    apart = abs(value - other_value)
     return min(apart % 360, -apart % 360) if name == PHASE else apart
 
 
@@ -153,7 +153,9 @@ class Linearisation:
     @cached_property
     def band(self) -> Integers:
         """The number (N,) of the band of each entry; known distances have one of their own."""
-        return self.at_entries(own := [block.band for block in self.blocks], 1 + max(int(one.max()) for one in own))
+        return self.at_entries(
+            bands := [block.band for block in self.blocks], 1 + max(int(band.max()) for band in bands)
+        )
 
     @cached_property
     def terms(self) -> dict[str, list[int]]:
@@ -164,8 +166,8 @@ class Linearisation:
     def U(self) -> Array:  # noqa: N802 - a matrix
         """The change (N, s) for a mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
-        for one, rows in zip(self.simulated, self.rows, strict=True):
-            columns[rows, self.terms[one.block.one.setup]] = one.by_setup
+        for simulated, rows in zip(self.simulated, self.rows, strict=True):
+            columns[rows, self.terms[simulated.block.one.setup]] = simulated.by_setup
         columns[self.of_distances] = self.distances.by_setup(self.setups, self.terms, columns.shape[1])
         return columns
 
@@ -174,9 +176,9 @@ class Linearisation:
         """The change (N, c) for one standard deviation of the scatter between runs, and for one standard uncertainty of
         each known distance."""
         scatter = self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
-        known = self.distances.scatter
-        columns = np.zeros((len(self.y), known.shape[1]))
-        columns[self.of_distances] = known
+        of_distances = self.distances.scatter
+        columns = np.zeros((len(self.y), of_distances.shape[1]))
+        columns[self.of_distances] = of_distances
         return np.concatenate([scatter, columns], axis=1)
 
     @cached_property
@@ -195,14 +197,14 @@ class Linearisation:
     @cached_property
     def _best_moves(self) -> Array:
         """The terms of the set-ups (s, N) mm that fit whitened readings best."""
-        found = np.zeros(self.U.T.shape)
+        moves = np.zeros(self.U.T.shape)
         poses = sorted(self.terms_of_poses)
         balls = [terms for terms in self.terms.values() if not self.terms_of_poses.issuperset(terms)]
         for terms in balls:
-            found[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT["ball"])
+            moves[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT["ball"])
         if poses:  # placements share the tool
-            found[poses] = np.linalg.pinv(self.U[:, poses], rcond=_INDISTINCT["poses"])
-        return found
+            moves[poses] = np.linalg.pinv(self.U[:, poses], rcond=_INDISTINCT["poses"])
+        return moves
 
     @cached_property
     def terms_of_poses(self) -> set[int]:
@@ -222,11 +224,13 @@ class Linearisation:
             return False
         if not poses:
             return True
-        own = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
+        of_poses = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
         scenes = self._scenes(())
-        there, here = (self._left((), scenes, self.setups_moved_by(one)) for one in (own, np.zeros_like(own)))
-        entries = sum(len(one.y_mm) for one in self.blocks if isinstance(one.one.table, PlaceTable))
-        return bool(np.linalg.norm(there - here + self.U @ own) <= _BENT * np.sqrt(entries))
+        moved, unmoved = (
+            self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
+        )
+        entries = sum(len(block.y_mm) for block in self.blocks if isinstance(block.one.table, PlaceTable))
+        return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
     def _basis(self) -> Array:
@@ -237,7 +241,7 @@ class Linearisation:
         """Return what each effect adds to the whitened readings, (N, p)."""
         if not effects:
             return np.empty((len(self.y), 0))
-        return self.at_entries([one.columns(effects) for one in self.simulated])
+        return self.at_entries([simulated.columns(effects) for simulated in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
@@ -246,8 +250,8 @@ class Linearisation:
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
-        left, moves = self._fitted(effects)
-        return left + self.U @ moves
+        residual, moves = self._fitted(effects)
+        return residual + self.U @ moves
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
@@ -266,28 +270,28 @@ class Linearisation:
 
     def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
         """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
-        left = self._left(effects, scenes, self.setups_moved_by(moves))
+        residual = self._left(effects, scenes, self.setups_moved_by(moves))
         for _ in range(_STEPS):
-            step = self._best_moves @ left
+            step = self._best_moves @ residual
             if np.abs(step).max() < _NEAR_MM:
                 break
             nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
-            if nearer @ nearer >= left @ left:
+            if nearer @ nearer >= residual @ residual:
                 break
-            moves, left = moves + step, nearer
-        return left, moves
+            moves, residual = moves + step, nearer
+        return residual, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
         """Return the scene of each block up to the tool with `effects` in place of the known ones."""
-        return [one.scene_with(effects) for one in self.simulated]
+        return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
         """Return the terms of the set-ups (s,) mm with each ball moved as far as the tool is moved in new scenes."""
-        moves, count = np.zeros(self.U.shape[1]), Counter(one.block.one.setup for one in self.simulated)
-        for one, scene in zip(self.simulated, scenes, strict=True):
-            seen = one.block.one
+        moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.one.setup for simulated in self.simulated)
+        for simulated, scene in zip(self.simulated, scenes, strict=True):
+            seen = simulated.block.one
             if not isinstance(seen.table, PlaceTable):
-                moves[self.terms[seen.setup][:3]] += tool_shift(seen, one.scene, scene) / count[seen.setup]
+                moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
 
     def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
@@ -301,14 +305,17 @@ class Linearisation:
     ) -> list[Array]:
         """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
-        return [one.entries(one.read(effects, scene, setups[one.block.one.setup]) - one.base) for one, scene in both]
+        return [
+            simulated.entries(simulated.read(effects, scene, setups[simulated.block.one.setup]) - simulated.base)
+            for simulated, scene in both
+        ]
 
     def _left(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
-        left: Array = self.y - self.at_entries([block.white(one) for block, one in added], apart)
-        return left
+        residual: Array = self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
+        return residual
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
         """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
@@ -326,32 +333,32 @@ class Linearisation:
         tables = {block.one.setup: block.one.table for block in self.blocks}
         return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
-    def in_mm(self, left: Array) -> list[Array]:
+    def in_mm(self, residual: Array) -> list[Array]:
         """Return whitened values (N,) as the entries of each block in mm."""
-        return [left[rows] * block.sd_mm for rows, block in zip(self.rows, self.blocks, strict=True)]
+        return [residual[rows] * block.sd_mm for rows, block in zip(self.rows, self.blocks, strict=True)]
 
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of
         each block's path."""
-        return self.at_entries([one.by_joint(axis, off(one.block)) for one in self.simulated])
+        return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings if the errors of joints that an effect makes come as much
         later as each of c effects of the stamps has everything, at its healthy size."""
-        return self.at_entries([one.late(effect) for one in self.simulated])
+        return self.at_entries([simulated.late(effect) for simulated in self.simulated])
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings if the errors of joints that an effect makes are on average
         those of stamps that scatter."""
-        return self.at_entries([one.scattered(effect) for one in self.simulated])
+        return self.at_entries([simulated.scattered(effect) for simulated in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
         the samples of each circle's path, and zero for other tests."""
         parts = []
-        for one in self.simulated:
-            each = np.array(shares) if one.block.sampling else np.zeros(one.base.shape[1])
-            parts.append(one.whitened(each[:, None] * one.at_readings(off(one.block))[:, None]))
+        for simulated in self.simulated:
+            each = np.array(shares) if simulated.block.sampling else np.zeros(simulated.base.shape[1])
+            parts.append(simulated.whitened(each[:, None] * simulated.at_readings(off(simulated.block))[:, None]))
         return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
@@ -364,10 +371,10 @@ class Linearisation:
         return whole
 
 
-def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> Linearisation:
-    """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
+def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> Linearisation:
+    """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
-    simulated = [SimulatedBlock(block, tuple(known), setups[block.one.setup]) for block in blocks]
+    simulated = [SimulatedBlock(block, tuple(effects), setups[block.one.setup]) for block in blocks]
     return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
 
 
@@ -375,8 +382,8 @@ def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mappi
     """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
     all, about set-ups."""
     simulated = (*shared, *(SimulatedBlock(block, (), setups[block.one.setup]) for block in blocks))
-    placed = {one.block.one.setup: one.setup for one in simulated}
-    return Linearisation(tuple(one.block for one in simulated), placed, simulated)
+    placed = {simulated_block.block.one.setup: simulated_block.setup for simulated_block in simulated}
+    return Linearisation(tuple(simulated_block.block for simulated_block in simulated), placed, simulated)
 
 
 def basis_of(columns: Array) -> Array:
@@ -415,7 +422,7 @@ def worth(linear: Linearisation, change: Array) -> Worth:
 
 def plain_worth(linear: Linearisation, change: Array) -> Worth:
     """Return the worth of a change (N,) of whitened readings, without fitting set-ups."""
-    return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
+    return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
 def limits_um(
@@ -429,9 +436,9 @@ def limits_um(
     """
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    own = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
+    of_name = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
     squares, relative = _scatter_squares(linear, _steady)
-    least = np.maximum((squares - own**2) * (1 - relative), LEAST_MATERIAL_UM**2)
+    least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)
     return np.asarray(np.sqrt(least), dtype=float)
 
 
@@ -457,22 +464,22 @@ def _steady(block: Block) -> Array:
 def _scatter_squares(linear: Linearisation, deviations: Callable[[Block], Array]) -> tuple[Array, Array]:
     """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
     uncertainty (b,), which is zero where repeats do not show it."""
-    found, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
+    squares, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
     repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations(block).any()]
     for setup in {linear.blocks[k].one.setup for k in repeated}:
-        own = [k for k in repeated if linear.blocks[k].one.setup == setup]
-        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in own])
-        found[own] = shown.mean()
+        members = [k for k in repeated if linear.blocks[k].one.setup == setup]
+        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in members])
+        squares[members] = shown.mean()
         if len(shown) > 1:
-            relative[own] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
-    return found, relative
+            relative[members] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
+    return squares, relative
 
 
 def _shown_squares(block: Block, apart_mm: Array) -> Array:
     """Return the mean squares (n - 1,) µm² of the independent differences of n repeated runs, given their deviations
     (n, N) mm from their mean."""
     contrasts = np.linalg.svd(np.ones((1, len(apart_mm))))[2][1:]
-    return np.array([rms_um(block, one) ** 2 for one in contrasts @ apart_mm])
+    return np.array([rms_um(block, contrast) ** 2 for contrast in contrasts @ apart_mm])
 
 
 def _expected_scatter_um(linear: Linearisation) -> Array:
@@ -481,8 +488,8 @@ def _expected_scatter_um(linear: Linearisation) -> Array:
     moved = linear.without_set_up(linear.Z)
     whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
     return np.array([
-        rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
-        for block, one in zip(linear.blocks, whole, strict=True)
+        rms_um(block, np.sqrt(block.count) * (entries if block.sampling else np.full(len(entries), np.median(entries))))
+        for block, entries in zip(linear.blocks, whole, strict=True)
     ])  # fmt: skip
 
 

@@ -94,7 +94,7 @@ class BudgetPart:
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
         plain = {key: value for key, value in vars(self).items() if key != "members"}
-        return {**plain, "class": self.rank, "members": [one.to_dict() for one in self.members]}
+        return {**plain, "class": self.rank, "members": [member.to_dict() for member in self.members]}
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ class Named:
             "stands": self.stands,
             "doubt": self.doubt,
             "alone_um": self.alone_um,
-            "twins": [name_of(one) for one in self.twins],
+            "twins": [name_of(twin) for twin in self.twins],
             "held_out_gain": self.held_out_gain,
             "contradicted": self.contradicted,
             "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
@@ -340,7 +340,8 @@ class Gap:
             "noise_floor": self.noise_floor_um,
             "set_up": "kept" if self.keeps_setup else "fitted",
             "tests": {
-                one.test: {key: value for key, value in asdict(one).items() if key != "test"} for one in self.tests
+                tested.test: {key: value for key, value in asdict(tested).items() if key != "test"}
+                for tested in self.tests
             },
             "runs": self.runs,
         }
@@ -460,29 +461,29 @@ class Diagnosis(Tabular):
     @property
     def standing(self) -> tuple[Named, ...]:
         """The effects that the diagnosis stands by: the faults."""
-        return tuple(one for one in self.effects if one.stands)
+        return tuple(name for name in self.effects if name.stands)
 
     @property
     def slight(self) -> tuple[Named, ...]:
         """Those that it found beside them, too small or too doubtful to matter."""
-        return tuple(one for one in self.effects if not one.stands and not one.contradicted)
+        return tuple(name for name in self.effects if not name.stands and not name.contradicted)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
         """Those that imitate something else."""
-        return tuple(one for one in self.effects if one.contradicted)
+        return tuple(name for name in self.effects if name.contradicted)
 
     @property
     def extended_rig(self) -> Rig:
         """The rig begun with, the effects added that the diagnosis stands by; of rivals the likeliest."""
-        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.written))})
+        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
     def to_table(self) -> pa.Table:
         """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
         rows = [
-            one | of_field | {"parameter": field}
-            for one in self.to_dict()["effects"]
-            for field, of_field in one["parameters"].items()
+            effect | of_field | {"parameter": field}
+            for effect in self.to_dict()["effects"]
+            for field, of_field in effect["parameters"].items()
         ]
         return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
@@ -497,21 +498,21 @@ class Diagnosis(Tabular):
             {
                 "condition": self.condition,
                 "accuracy": self.accuracy.to_dict(),
-                "budget": [one.to_dict() for one in self.budget],
-                "acts": [one.to_dict() for one in self.acts],
+                "budget": [part.to_dict() for part in self.budget],
+                "acts": [act.to_dict() for act in self.acts],
                 "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,
-                "effects": [one.to_dict() for one in self.effects],
+                "effects": [name.to_dict() for name in self.effects],
                 "remainder": asdict(self.remainder),
                 "where": [of_place(place) for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
-                "left": [asdict(one) for one in self.left],
+                "left": [asdict(band) for band in self.left],
                 "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
-                "staircase": self.staircase.to_dict([one.label for one in self.budget]) if self.staircase else None,
+                "staircase": self.staircase.to_dict([part.label for part in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "level": self.level,
                 "doubts": self.doubts,
@@ -521,23 +522,25 @@ class Diagnosis(Tabular):
         return plain
 
 
-def is_open(part: BudgetPart, one: Named) -> bool:
-    """Return whether an effect of usual size makes much of the error, and its odds are below those of a sure name."""
-    return part.share > LARGE_SHARE and one.doubt == "usual" and one.posterior < CERTAIN_ODDS
+def is_open(part: BudgetPart, named: Named) -> bool:
+    """Return whether an effect that is no fault, or that usual errors may show as well, makes much of the error, and
+    its odds are below those of a sure name."""
+    return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
 
-def is_there(found: Diagnosis, part: BudgetPart) -> bool:
+def is_there(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether something does what a part says for certain, though it may be one of a few effects that look
     alike."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    return found.effects[part.index].doubt in (None, "usual") and part.sigma >= SURE_SIGMA
+    # Where usual errors may show the same, it is open what does it and certain that it is done.
+    return diagnosis.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
-def is_sure(found: Diagnosis, part: BudgetPart) -> bool:
+def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is there for certain, an effect without rivals or many small terms together."""
-    known = part.index is None or found.effects[part.index].posterior >= CERTAIN_ODDS
-    return known and is_there(found, part)
+    is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
+    return is_certain and is_there(diagnosis, part)
 
 
 def of_place(place: Place) -> dict[str, Any]:

@@ -56,13 +56,13 @@ def compare_with_rivals(
             effect = state.refined.effects[place]
             moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
             is_reported = state.is_fault(place) and moves
-            one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
-            compared.append(one)
-            if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
-                other = selection.select(one.rivals[0][0])
+            odds = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
+            compared.append(odds)
+            if swaps_left and place not in swapped and odds.rivals and odds.rivals[0][1] > odds.odds:
+                rival_state = selection.select(odds.rivals[0][0])
                 swapped.add(place)
-                if selection.evidence(other) > selection.evidence(state):
-                    state, swapped = other, set()
+                if selection.evidence(rival_state) > selection.evidence(state):
+                    state, swapped = rival_state, set()
                     break
         else:
             break
@@ -86,9 +86,9 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
             return state
         tried.add(names[place])
         whole = selection.evidence(state)
-        rest = selection.settled(selection.without(state, place), least=whole)
-        if selection.evidence(rest) > whole:
-            state = selection.refusing(rest, state.refined.effects[place], state.origins[place])
+        without = selection.settled(selection.without(state, place), least=whole)
+        if selection.evidence(without) > whole:
+            state = selection.refusing(without, state.refined.effects[place], state.origins[place])
 
 
 def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
@@ -100,17 +100,17 @@ def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
 def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:
     """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it."""
     forms, effect = selection.columns.forms, state.refined.effects[place]
-    rest = selection.without(state, place)
-    bare, whole = selection.evidence(rest), selection.evidence(state)
+    without = selection.without(state, place)
+    bare, whole = selection.evidence(without), selection.evidence(state)
     gain = whole - bare
-    here = selection.posterior(state)
-    beside = np.maximum(*selection.gains(state, here))
-    alone = selection.posterior(rest)
-    linear = np.maximum(*selection.gains(rest, alone))
+    now = selection.posterior(state)
+    gains = np.maximum(*selection.gains(state, now))
+    without_name = selection.posterior(without)
+    linear = np.maximum(*selection.gains(without, without_name))
     # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
-    score = linear - np.maximum(beside, 0.0)
+    score = linear - np.maximum(gains, 0.0)
     rivals: list[tuple[SelectionState, float]] = []
     seen: set[str] = set()
     for k in np.argsort(-score).tolist():
@@ -118,22 +118,22 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
             break
         if forms[k].name in seen or forms[k].name == name_of(effect):
             continue
-        tried = selection.with_form(rest, alone, k)
+        tried = selection.with_form(without, without_name, k)
         if name_of(tried.refined.effects[-1]) == name_of(effect):
             continue
         seen.add(name_of(tried.refined.effects[-1]))
         instead = selection.evidence(tried) - bare
-        own = instead - max(float(beside[k]), 0.0)
+        gain_over = instead - max(float(gains[k]), 0.0)
         # A wave may be beside the name already, and have another order only without it.
-        is_new = np.isfinite(beside[k])
-        if is_new and own > gain - _DOUBT:
+        is_new = np.isfinite(gains[k])
+        if is_new and gain_over > gain - _DOUBT:
             # A rival that explains as much beside the name explains a different part of the readings.
-            both = selection.with_form(state, here, k)
-            own = instead - max(selection.evidence(both) - whole, 0.0)
-        rivals.append((tried, own))
-    rivals.sort(key=lambda one: -one[1])
-    scores = np.array([gain, 0.0, *(own for _, own in rivals)])
+            both = selection.with_form(state, now, k)
+            gain_over = instead - max(selection.evidence(both) - whole, 0.0)
+        rivals.append((tried, gain_over))
+    rivals.sort(key=lambda rival: -rival[1])
+    scores = np.array([gain, 0.0, *(score for _, score in rivals)])
     weight = np.exp(scores - scores.max())
     odds = (weight / weight.sum()).tolist()
-    found = tuple((tried, own) for (tried, _), own in zip(rivals, odds[2:], strict=True))
-    return RivalOdds(odds[0], found, odds[1])
+    rivals_found = tuple((tried, odds_of) for (tried, _), odds_of in zip(rivals, odds[2:], strict=True))
+    return RivalOdds(odds[0], rivals_found, odds[1])

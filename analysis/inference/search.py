@@ -63,8 +63,8 @@ class SearchResult:
     @cached_property
     def contributions(self) -> list[Array]:
         """What each name adds to the whitened readings beside the others, (N,) each."""
-        effects, left = self.state.refined.effects, self.state.refined.residual
-        return [self.linear.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+        effects, residual = self.state.refined.effects, self.state.refined.residual
+        return [self.linear.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
 
     @cached_property
     def initial_residual(self) -> Array:
@@ -108,14 +108,14 @@ def search(
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
     change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
     before: tuple[Effect, ...] = ()
-    known: tuple[Effect, ...] = ()
+    so_far: tuple[Effect, ...] = ()
     setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
-        linear = linearise(blocks_of(runs, setups, known), setups, known)
+        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
-        begun = selection.fitted_again(selection.initial_state(known, begun), before)
+        begun = selection.fitted_again(selection.initial_state(so_far, begun), before)
         before = begun.faults_among(begun.refined.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
@@ -124,7 +124,7 @@ def search(
             state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
             if is_last or selection.holds_for(state):
                 break
-        known = state.refined.effects
+        so_far = state.refined.effects
         setups = linear.setups_moved_by(selection.moves(state))
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
@@ -132,11 +132,11 @@ def search(
 def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: Callable[[str], None]) -> SearchResult:
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
     else is named, and nothing is a rival."""
-    known: tuple[Effect, ...] = ()
+    so_far: tuple[Effect, ...] = ()
     setups, before = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
-        linear = linearise(blocks_of(runs, setups, known), setups, known)
+        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         begun = (selection.initial_state if turn else selection.state_with)(effects, before)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
@@ -144,7 +144,7 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         effects = state.refined.effects
         if selection.holds_for(state):
             break
-        known = state.refined.effects
+        so_far = state.refined.effects
         setups = linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
@@ -163,8 +163,8 @@ def _starting_setups(
     poses, begun = [run for run in runs if isinstance(run.one.table, PlaceTable)], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
-        own = {run.one.setup: setups[run.one.setup] for run in poses}
-        linear = linearise(blocks_of(poses, own), own)
+        of_poses = {run.one.setup: setups[run.one.setup] for run in poses}
+        linear = linearise(blocks_of(poses, of_poses), of_poses)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         begun = selection.initial_state(before=begun)
         moves = selection.moves(begun)
@@ -217,8 +217,8 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         return ()
 
     def free(values: Array) -> Array:
-        own: Array = values - taken @ (taken.T @ values)
-        return own
+        freed: Array = values - taken @ (taken.T @ values)
+        return freed
 
     kinds = [(_way, "by {:.4f} ± {:.4f}°", 1.0), (_move, "by {:.3f} ± {:.3f} % of each move", 100.0)]
     fits = []
@@ -230,19 +230,19 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         ahead, sd = np.zeros(len(joints)), np.full(len(joints), np.inf)
         inverse = np.linalg.pinv(A[np.ix_(rows, shown)])
         ahead[shown] = inverse @ y[rows]
-        left = float(np.sum((y - A @ ahead)[rows] ** 2))
-        sd[shown] = np.sqrt(left / freedom * (inverse**2).sum(axis=1))
-        share = 1 - left / max(float(np.sum(y[rows] ** 2)), 1e-300)
+        energy = float(np.sum((y - A @ ahead)[rows] ** 2))
+        sd[shown] = np.sqrt(energy / freedom * (inverse**2).sum(axis=1))
+        share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
-    share, ahead, sd, A, words, unit = max(fits, key=lambda one: one[0])
+    share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
     early = (ahead > _SURE * sd) & np.array(
         [_um(result, A[:, [k]] @ ahead[[k]]) > LEAST_MATERIAL_UM for k in range(len(joints))]
     )
     if share < _LEAST_SHARE or not early.any():
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
-    what = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
-    return (f"{what}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
+    message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
+    return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
 
 
 def _by_angle(linear: Linearisation) -> list[Array]:
@@ -265,9 +265,9 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)
     mean = np.concatenate([posterior.mean[: columns.set_ups.start], posterior.mean[columns.set_ups.stop :]])
     taken = np.concatenate([others * mean, np.reshape(result.contributions, (-1, len(posterior.residual))).T], axis=1)
-    own, basis = free(taken), basis_of(A)
-    energy = (own**2).sum(axis=0)
-    alike = ((basis.T @ own) ** 2).sum(axis=0) > _ALIKE * np.maximum(energy, 1e-12)
+    freed, basis = free(taken), basis_of(A)
+    energy = (freed**2).sum(axis=0)
+    alike = ((basis.T @ freed) ** 2).sum(axis=0) > _ALIKE * np.maximum(energy, 1e-12)
     alike &= energy > _OWN * (taken**2).sum(axis=0)
     # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
     alike[columns.curves.columns] = True
@@ -281,11 +281,11 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
 
     def samples(block: Block) -> Array:
         path = block.one.path
-        found = np.zeros((len(path.q), 1))
+        columns = np.zeros((len(path.q), 1))
         if isinstance(block.one.table, PoseTable):
             came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
-            found[path.rows, 0] = off(came)
-        return found
+            columns[path.rows, 0] = off(came)
+        return columns
 
     return samples
 

@@ -168,14 +168,14 @@ class Selection:
         An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
         before it, the one that explains most first. Fitted from a small width, a play of 0.03° ended at 0.
         """
-        left = [one for one in effects if one.FREE or (one.STRETCHED and not is_wave(one))]
-        state = self.initial_state([one for one in effects if one not in left], before)
-        while left:
+        waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
+        state = self.initial_state([effect for effect in effects if effect not in waiting], before)
+        while waiting:
             posterior = self.posterior(state)
             gain = np.maximum(*self.gains(state, posterior))
-            best = {one: self._best_form(one, gain) for one in left}
-            effect = max(left, key=lambda one: -np.inf if best[one] is None else gain[best[one]])
-            left.remove(effect)
+            best = {effect: self._best_form(effect, gain) for effect in waiting}
+            effect = max(waiting, key=lambda candidate: -np.inf if best[candidate] is None else gain[best[candidate]])
+            waiting.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
             state = self.settled(*beginnings(added)) if added.is_fault(-1) else self._renewed(added)
@@ -183,21 +183,21 @@ class Selection:
 
     def _best_form(self, effect: Effect, gain: Array) -> int | None:
         """Return the form of an effect's name with the largest gain, of (n,), or None where it has none."""
-        own = [k for k, form in enumerate(self.columns.forms) if is_same(form, effect) and np.isfinite(gain[k])]
-        return max(own, key=lambda k: gain[k], default=None)
+        forms_of_it = [k for k, form in enumerate(self.columns.forms) if is_same(form, effect) and np.isfinite(gain[k])]
+        return max(forms_of_it, key=lambda k: gain[k], default=None)
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
         """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the noise
         beside them within `limits` (2, b)."""
         assert state.curves is not None  # noqa: S101 - poses alone have them
-        own, known, noise = self.columns.curves.columns, state.refined.known, self._hyperparameters
+        of_curves, terms, noise = self.columns.curves.columns, state.refined.known, self._hyperparameters
 
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
             background = self.background(replace(state, curves=curves, strength=strength))
-            posterior, prior = background.posterior(known), background.variance[own]
-            shown = (posterior.mean - background.mean)[own] ** 2 + posterior.variance[own]
+            posterior, prior = background.posterior(terms), background.variance[of_curves]
+            shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
-            return background.evidence(known), 0.5 * (ratio - 1), noise.by_strength(posterior)
+            return background.evidence(terms), 0.5 * (ratio - 1), noise.by_strength(posterior)
 
         curves, strength = self.columns.curves.fitted(state.curves, state.strength, limits, likelihood)
         return replace(state, curves=curves, strength=strength)
@@ -211,7 +211,7 @@ class Selection:
         """
         place = 0
         for effect in state.refined.effects:
-            was = any(is_one(one, effect) for one in before)
+            was = any(is_one(earlier, effect) for earlier in before)
             tried = self._begun_again(state, place) if state.is_fault(place) and not was else None
             if tried is not None and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place
@@ -222,11 +222,11 @@ class Selection:
     def _begun_again(self, state: SelectionState, place: int) -> SelectionState | None:
         """Return the state with one effect fitted again from the best form of its name, if it has one and the fit does
         not become another wave of that name."""
-        rest = self.without(state, place)
-        posterior, name = self.posterior(rest), name_of(state.refined.effects[place])
-        gain = np.maximum(*self.gains(rest, posterior))
-        own = [k for k, form in enumerate(self.columns.forms) if form.name == name and np.isfinite(gain[k])]
-        tried = self.with_form(rest, posterior, max(own, key=lambda k: gain[k])) if own else None
+        without = self.without(state, place)
+        posterior, name = self.posterior(without), name_of(state.refined.effects[place])
+        gain = np.maximum(*self.gains(without, posterior))
+        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name and np.isfinite(gain[k])]
+        tried = self.with_form(without, posterior, max(of_name, key=lambda k: gain[k])) if of_name else None
         return None if tried is None or is_twice(tried.refined.effects) else tried
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
@@ -249,7 +249,7 @@ class Selection:
         if not (before or now):
             return True
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
-        off, whole = (linear.without_set_up(one - with_now) for one in (with_before, without))
+        off, whole = (linear.without_set_up(change - with_now) for change in (with_before, without))
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
 
     def moves(self, state: SelectionState) -> Array:
@@ -270,7 +270,7 @@ class Selection:
         Poses see long pieces of the curve of a joint's error over its angle, and no wave of a healthy joint stands out
         of it. Of a UR10, 22 waves that were picked one by one took nine tenths of the time and left what none left.
         """
-        return not any(one.sampling for one in self.linear.blocks)
+        return not any(block.sampling for block in self.linear.blocks)
 
     def _is_of_curve(self, effect: Effect) -> bool:
         """Return whether an effect is a wave of a joint's curve, unless it is a fault."""
@@ -291,7 +291,7 @@ class Selection:
 
     def _is_new(self, effect: Effect) -> bool:
         """Return whether an effect is not among those beside which the columns were computed."""
-        return not any(is_alike(one, effect) for one in self.linear.known)
+        return not any(is_alike(known_effect, effect) for known_effect in self.linear.known)
 
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
@@ -341,7 +341,11 @@ class Selection:
         may be present."""
         _, _, sigma, _ = posterior.gains(self.columns.forms, state.level)
         named = {name_of(effect) for effect in state.refined.effects}
-        seen = {form.name for form, one in zip(self.columns.forms, sigma, strict=True) if LARGEST_FAULT * one > _SEEN}
+        seen = {
+            form.name
+            for form, sigma_of_form in zip(self.columns.forms, sigma, strict=True)
+            if LARGEST_FAULT * sigma_of_form > _SEEN
+        }
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 
@@ -362,15 +366,15 @@ class Selection:
         whole = self.evidence(state)
         gains = {k: whole - self.evidence(self._without_refit(state, k)) for k in doubtful}
         place = min(gains, key=lambda k: gains[k])
-        rest = self.without(state, place)
-        if whole >= self.evidence(rest):
+        without = self.without(state, place)
+        if whole >= self.evidence(without):
             return None
-        return self.refusing(rest, state.refined.effects[place], state.origins[place])
+        return self.refusing(without, state.refined.effects[place], state.origins[place])
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
-        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
-        return replace(state, refused=state.refused | own)
+        of_effect = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
+        return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
         """Return the state without a free form if the best name in its place, or nothing, explains as much, and None
@@ -378,10 +382,10 @@ class Selection:
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
-            rest = self._refitted(replace(state, free_forms=kept))
-            posterior = self.posterior(rest)
-            best = int(np.argmax(np.maximum(*self.gains(rest, posterior))))
-            for tried in (rest, self._refitted(self.with_form(rest, posterior, best))):
+            without_it = self._refitted(replace(state, free_forms=kept))
+            posterior = self.posterior(without_it)
+            best = int(np.argmax(np.maximum(*self.gains(without_it, posterior))))
+            for tried in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(tried) > whole:
                     return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].form.words})
         return None
@@ -406,11 +410,11 @@ class Selection:
     def _share(self, state: SelectionState, effect: Effect) -> float:
         """Return the variance, in healthy sizes squared, that an arm of this state has in the form nearest to an
         effect."""
-        own = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
-        if not own:
+        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
+        if not of_name:
             return state.level**2
-        apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in own])
-        nearest = own[int(np.argmin(apart))]
+        apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in of_name])
+        nearest = of_name[int(np.argmin(apart))]
         if state.curves is not None and self._is_of_curve(effect):
             return float(self.columns.variance(1.0, state.curves)[list(self.columns.forms[nearest].columns)].sum())
         return float(state.level**2 * self.columns.likelihoods[nearest])
@@ -427,9 +431,9 @@ class Selection:
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
-        own = self.background(state).evidence(state.refined.known)
+        evidence = self.background(state).evidence(state.refined.known)
         prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
-        return own + prices - FREE_PRICE * len(state.free_forms)
+        return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others fitted again along their tangents."""
@@ -445,12 +449,12 @@ class Selection:
     def gains(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
         """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
         equal share."""
-        fault, alone, _, size = posterior.gains(self.columns.forms, state.level)
+        fault, single, _, size = posterior.gains(self.columns.forms, state.level)
         curves = np.array([self._is_of_curve(form.effects[0]) for form in self.columns.forms], dtype=bool)
         pieces = np.array([self._waves_driven(form.effects[0]) < DRIVEN_WAVES for form in self.columns.forms])
-        fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = alone[curves] = -np.inf
-        fault[self._are_set_up] = alone[self._are_set_up] = -np.inf
-        return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
+        fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
+        fault[self._are_set_up] = single[self._are_set_up] = -np.inf
+        return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
 
     @cached_property
     def _are_set_up(self) -> NDArray[np.bool_]:
@@ -459,9 +463,9 @@ class Selection:
         if not self._shows_curves:
             return np.zeros(len(self.columns.forms), dtype=bool)
         columns = self.columns.X[:, : self.columns.set_ups.start]
-        left = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
-        same = left < _OF_SET_UP * np.linalg.norm(columns, axis=0)
-        return np.array([bool(same[list(form.columns)].all()) for form in self.columns.forms], dtype=bool)
+        remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
+        is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
+        return np.array([bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms], dtype=bool)
 
     def _forward_step(
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
@@ -475,7 +479,7 @@ class Selection:
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             tried = {k: self.with_form(state, posterior, k) for k in best}
-            if twice := frozenset(k for k, one in tried.items() if is_twice(one.refined.effects)):
+            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.refined.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             rise, changed = self._likeliest(list(tried.values()))
@@ -485,8 +489,8 @@ class Selection:
                     state = self.refusing(state, self.columns.forms[k].effects[0])
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             most = max(float(gain[best[0]]), rise)
-        known = state.replaced_forms | {one.form.words for one in state.free_forms}
-        forms = [form for form in self._free if form.words not in known] if try_free_forms else []
+        taken = state.replaced_forms | {fitted.form.words for fitted in state.free_forms}
+        forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
         # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most):
@@ -514,7 +518,7 @@ class Selection:
 
     def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
-        return max(((self.evidence(one), one) for one in tried), key=lambda both: both[0])
+        return max(((self.evidence(state), state) for state in tried), key=lambda both: both[0])
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
         """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
@@ -532,7 +536,7 @@ class Selection:
     def _refitted(self, state: SelectionState, rounds: int = ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most so many rounds."""
         free = np.concatenate(
-            [np.empty((len(self.linear.y), 0)), *(one.form.columns for one in state.free_forms)], axis=1
+            [np.empty((len(self.linear.y), 0)), *(fitted.form.columns for fitted in state.free_forms)], axis=1
         )
         refined = refine(self.linear, self.background(state), state.refined.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

@@ -8,7 +8,7 @@ before: readings at random, or whole neighbourhoods of joint space.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from analysis.inference.observation import (
     predicted,
     predicted_in_scene,
     residuals_of,
+    rms,
 )
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
@@ -125,12 +126,12 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     return columns
 
 
-def tool_shift(one: Observation, before: Scene, after: Scene) -> Array:
+def tool_shift(observation: Observation, before: Scene, after: Scene) -> Array:
     """Return how far (3,) mm the tool moves at the readings of an observation, on the mean, from one scene to another.
 
     The ball of a circle or hemisphere moves with it, because people set a ball up where the tool really goes round it.
     """
-    rows = one.rows if one.path.alone else one.samples
+    rows = observation.rows if observation.path.alone else observation.samples
     shift: Array = (after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0)
     return shift
 
@@ -142,13 +143,13 @@ def _starting_setups(parts: Parts) -> list[SetUp]:
     A fit could not find this by itself: a ball along the normal of its circle hardly shows, but where it stands decides
     how steep the link is. A zero that is wrong by 1.6° moved the circle by 18 mm.
     """
-    model, one = parts[0]
-    nominal = nominal_setup(model.rig, one.table)
+    model, observation = parts[0]
+    nominal = nominal_setup(model.rig, observation.table)
     if not model.effects:
         return [nominal]
-    shift = tool_shift(one, moved(replace(model, effects=()), one.path), moved(model, one.path))
-    there = replace(nominal, ball=nominal.ball + shift)
-    return [there, nominal] if np.abs(shift).max() > _FURTHEST_MM else [there]
+    shift = tool_shift(observation, moved(replace(model, effects=()), observation.path), moved(model, observation.path))
+    with_tool = replace(nominal, ball=nominal.ball + shift)
+    return [with_tool, nominal] if np.abs(shift).max() > _FURTHEST_MM else [with_tool]
 
 
 def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
@@ -159,54 +160,60 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
     are fitted together, with one tool.
     """
     named: dict[str, list[tuple[Model, Observation]]] = {}
-    for model, one in parts:
-        named.setdefault(one.setup, []).append((model, one))
+    for model, observation in parts:
+        named.setdefault(observation.setup, []).append((model, observation))
     starting = {name: setups[name] for name in named if setups and name in setups}
     places = {
-        kind: [name for name, own in named.items() if isinstance(own[0][1].table, kind)]
+        kind: [name for name, members in named.items() if isinstance(members[0][1].table, kind)]
         for kind in (PoseTable, TouchTable)
     }
     for own_names in places.values():
         starting |= _starting_pose_setups({name: named[name] for name in own_names}, starting)
     poses = [name for own_names in places.values() for name in own_names]
-    found: dict[str, SetUp] = {}
-    for name, own in named.items():
+    fitted: dict[str, SetUp] = {}
+    for name, members in named.items():
         if name not in poses:
-            starts = [starting[name]] if name in starting else _starting_setups(own)
-            fits = [_placed(own, {name: start})[name] for start in starts]
-            found[name] = min(fits, key=partial(_energy, own)) if len(fits) > 1 else fits[0]
+            starts = [starting[name]] if name in starting else _starting_setups(members)
+            fits = [_placed(members, {name: start})[name] for start in starts]
+            fitted[name] = min(fits, key=partial(_energy, members)) if len(fits) > 1 else fits[0]
     if poses:
         together = [part for name in poses for part in named[name]]
-        found |= _placed(together, {name: starting[name] for name in poses})
-    return {name: found[name] for name in named}
+        fitted |= _placed(together, {name: starting[name] for name in poses})
+    return {name: fitted[name] for name in named}
 
 
 def _energy(parts: Parts, setup: SetUp) -> float:
     """Return the sum of squares in mm² of what a set-up leaves of its observations."""
-    return sum(float(np.sum((one.values - predicted(model, one, setup)) ** 2)) for model, one in parts)
+    return sum(
+        float(np.sum((observation.values - predicted(model, observation, setup)) ** 2)) for model, observation in parts
+    )
 
 
 def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return starting set-ups for placements of poses without one: with the target of a placement that has one, or else
     of that with most poses, and instruments where their readings place them."""
-    by_size = sorted(named, key=lambda name: -sum(one.values.size for _, one in named[name]))
-    found = {name: starting[name] for name in named if name in starting}
+    by_size = sorted(named, key=lambda name: -sum(observation.values.size for _, observation in named[name]))
+    placed = {name: starting[name] for name in named if name in starting}
     for name in by_size:
-        if name in found:
+        if name in placed:
             continue
-        same_tool = next((setup for other, setup in found.items() if target_of(other) == target_of(name)), None)
-        same_place = next((setup for other, setup in found.items() if placement_of(other) == placement_of(name)), None)
-        model, one = named[name][0]
+        same_tool = next(
+            (setup for other_name, setup in placed.items() if target_of(other_name) == target_of(name)), None
+        )
+        same_place = next(
+            (setup for other_name, setup in placed.items() if placement_of(other_name) == placement_of(name)), None
+        )
+        model, observation = named[name][0]
         if same_tool and same_place:
-            found[name] = replace(same_tool, T_instrument_world=same_place.T_instrument_world)
+            placed[name] = replace(same_tool, T_instrument_world=same_place.T_instrument_world)
         elif same_tool:
-            found[name] = at_instrument(same_tool, named[name])
+            placed[name] = at_instrument(same_tool, named[name])
         elif same_place:
-            found[name] = _at_target(same_place, named[name])
+            placed[name] = _at_target(same_place, named[name])
         else:
-            start = at_instrument(nominal_setup(model.rig, one.table), named[name])
-            found[name] = _placed(named[name], {name: start})[name] if len(named) > 1 else start
-    return {name: setup for name, setup in found.items() if name not in starting}
+            start = at_instrument(nominal_setup(model.rig, observation.table), named[name])
+            placed[name] = _placed(named[name], {name: start})[name] if len(named) > 1 else start
+    return {name: setup for name, setup in placed.items() if name not in starting}
 
 
 def _at_target(setup: SetUp, parts: Parts) -> SetUp:
@@ -215,9 +222,10 @@ def _at_target(setup: SetUp, parts: Parts) -> SetUp:
     bare = replace(setup, T_tool_target=np.eye(4))
     steps = [replace(bare, T_tool_target=_at(step)) for step in np.eye(3)]
     zero, *moved_by_step = (
-        np.concatenate([predicted(model, one, place).ravel() for model, one in parts]) for place in (bare, *steps)
+        np.concatenate([predicted(model, observation, place).ravel() for model, observation in parts])
+        for place in (bare, *steps)
     )
-    seen_there = np.concatenate([one.values.ravel() for _, one in parts])
+    seen_there = np.concatenate([observation.values.ravel() for _, observation in parts])
     slopes = np.stack([column - zero for column in moved_by_step], axis=1)
     return replace(setup, T_tool_target=_at(np.linalg.lstsq(slopes, seen_there - zero, rcond=None)[0]))
 
@@ -233,8 +241,8 @@ def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
     """Return a set-up with its instrument at the place from which the poses, of (m, 3) mm, were measured: the best
     rigid motion, with the tool as it is."""
     bare = replace(setup, T_instrument_world=np.eye(4))
-    places = np.concatenate([predicted(model, one, bare) for model, one in parts])
-    seen_there = np.concatenate([one.values for _, one in parts])
+    places = np.concatenate([predicted(model, observation, bare) for model, observation in parts])
+    seen_there = np.concatenate([observation.values for _, observation in parts])
     if isinstance(parts[0][1].table, TouchTable):  # a socket has a place and no turn
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
@@ -242,10 +250,10 @@ def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
 
 def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return set-ups that share terms, fitted together from their starting values."""
-    tables = {one.setup: one.table for _, one in parts}
+    tables = {observation.setup: observation.table for _, observation in parts}
     columns = columns_of(tables)
     poses, count = isinstance(parts[0][1].table, PlaceTable), 1 + max(map(max, columns.values()))
-    scenes = [moved(model, one.path) for model, one in parts]
+    scenes = [moved(model, observation.path) for model, observation in parts]
 
     def at(change: Array) -> dict[str, SetUp]:
         return {name: moved_setup(starts[name], table, change[columns[name]]) for name, table in tables.items()}
@@ -253,8 +261,8 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     def left(change: Array) -> Array:
         placed = at(change)
         return np.concatenate([
-            (one.values - predicted_in_scene(model, one, scene, placed[one.setup])).ravel()
-            for (model, one), scene in zip(parts, scenes, strict=True)
+            (observation.values - predicted_in_scene(model, observation, scene, placed[observation.setup])).ravel()
+            for (model, observation), scene in zip(parts, scenes, strict=True)
         ])  # fmt: skip
 
     ball = np.arange(count) < (0 if poses else 3)
@@ -266,8 +274,8 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
         # A ball at the limit of its prior costs as much as what set-ups cannot fit. With all of the residual in place
         # of that, a ball that is a centimetre off would stay there.
         kept = r - J @ np.linalg.lstsq(J, r)[0]
-        held = np.where(ball, (kept @ kept) / BALL_PRIOR_MM**2, 1e-12)
-        change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * so_far)
+        prior = np.where(ball, (kept @ kept) / BALL_PRIOR_MM**2, 1e-12)
+        change = np.linalg.solve(J.T @ J + np.diag(prior), J.T @ r - prior * so_far)
         if not poses:
             change *= min(1.0, _FURTHEST_MM / max(float(np.abs(change).max()), 1e-12))
         so_far = so_far + change
@@ -294,6 +302,32 @@ def fit_run_setups(
     return placed, [residuals_of(run.model, [run.one], placed)[0] for run in runs]
 
 
+@dataclass(frozen=True, eq=False)
+class FittedRuns:
+    """Runs, of (m, k) mm, whose set-ups are fitted beside effects of the arm; what was fitted once is kept."""
+
+    runs: Sequence[ObservedRun]
+    _fits: dict[tuple[Effect, ...], tuple[dict[str, SetUp], list[Array]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
+
+    def beside(self, effects: Sequence[Effect]) -> tuple[dict[str, SetUp], list[Array]]:
+        """Return the set-ups and the residuals (m, k) mm of each run, with effects added to its model."""
+        key = tuple(map(without_origin, effects))
+        if key not in self._fits:
+            self._fits[key] = fit_run_setups(with_effects(self.runs, effects))
+        return self._fits[key]
+
+    def left_um(self, effects: Sequence[Effect]) -> float:
+        """Return the rms residual in µm with effects added to the model."""
+        return 1e3 * rms(self.beside(effects)[1])
+
+
+def without_origin(effect: Effect) -> Effect:
+    """Return the effect without its origin, which changes no reading and has no hash."""
+    return effect if effect.found is None else effect.model_copy(update={"found": None})
+
+
 # ----------------------------------------------------------------------------------------------------------------------
 # Poses held out to judge a fit: whole neighbourhoods of joint space (k-means of the joint angles).
 #
@@ -313,15 +347,15 @@ def constants_apart(observations: Sequence[Observation]) -> bool:
     """Return whether an arm's constants have widths of their own beside readings of (m, k) mm: where touches alone show
     them, and where places are too few to name those that are larger than usual. Of 30 poses of a UR10 constants of
     usual size leave a tenth more."""
-    of_touches = all(isinstance(one.table, TouchTable) for one in observations)
-    of_poses = all(isinstance(one.table, PlaceTable) for one in observations)
-    return of_touches or (of_poses and sum(len(one.rows) for one in observations) < FEWEST_PLACES)
+    of_touches = all(isinstance(observation.table, TouchTable) for observation in observations)
+    of_poses = all(isinstance(observation.table, PlaceTable) for observation in observations)
+    return of_touches or (of_poses and sum(len(observation.rows) for observation in observations) < FEWEST_PLACES)
 
 
-def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
+def part(observation: Observation, keep: NDArray[np.bool_]) -> Observation:
     """Return an observation with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to
     each pose, stays complete."""
-    return replace(one, rows=one.rows[keep], values=one.values[keep])
+    return replace(observation, rows=observation.rows[keep], values=observation.values[keep])
 
 
 def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:

@@ -31,8 +31,11 @@ class Step:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, in µm."""
-        left = {"used": self.used, "held_out": self.held_out, "unseen_place": self.unseen}
-        return {"parts": self.parts, "left": {place: one and asdict(one) for place, one in left.items()}}
+        at_places = {"used": self.used, "held_out": self.held_out, "unseen_place": self.unseen}
+        return {
+            "parts": self.parts,
+            "left": {place: left_there and asdict(left_there) for place, left_there in at_places.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -52,4 +55,4 @@ class Staircase:
 
     def to_dict(self, names: Sequence[str]) -> list[dict[str, Any]]:
         """The steps in plain types, the parts by their names."""
-        return [{**one.to_dict(), "parts": [names[k] for k in one.parts]} for one in self.steps]
+        return [{**step.to_dict(), "parts": [names[k] for k in step.parts]} for step in self.steps]

@@ -69,7 +69,7 @@ class SelectionState:
     def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that are larger than healthy arms, or arms of this level, show: beside them a search
         computes everything else again, and it asks for their rivals. Whether one is a fault is not asked here."""
-        return tuple(one for one in effects if abs(size_of(one)) > FAULT * min(self.level, 1.0))
+        return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
@@ -87,30 +87,30 @@ def is_same(form: Form, effect: Effect) -> bool:
     return is_alike(form.effects[0], effect)
 
 
-def is_alike(one: Effect, effect: Effect) -> bool:
+def is_alike(effect: Effect, other_effect: Effect) -> bool:
     """Return whether two effects have the same name, with any size and shape; waves of other orders do not."""
-    if name_of(one) != name_of(effect):
+    if name_of(effect) != name_of(other_effect):
         return False
-    order, other = order_of(one), order_of(effect)
-    return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
+    order, order_there = order_of(effect), order_of(other_effect)
+    return np.isnan(order) or np.isnan(order_there) or max(order, order_there) / min(order, order_there) < _NEAR_ORDER
 
 
-def is_one(one: Effect, other: Effect) -> bool:
+def is_one(effect: Effect, other_effect: Effect) -> bool:
     """Return whether two effects, of any size and shape, are one: of the same name and, for waves, the same order."""
-    apart = abs(order_of(one) - order_of(other))
-    return name_of(one) == name_of(other) and not apart >= _SAME_ORDER
+    apart = abs(order_of(effect) - order_of(other_effect))
+    return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
 
 
 def is_twice(effects: Sequence[Effect]) -> bool:
     """Return whether the last of some effects is the wave of one before it: of the same name and order."""
     *others, last = effects
-    return any(is_one(one, last) for one in others if np.isfinite(order_of(one)))
+    return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
 
 
 def series_among(effects: Sequence[Effect]) -> frozenset[str]:
     """Return the names of which some effects have so many waves that these are no gears, but the series of an error of
     another form."""
-    waves = Counter(name_of(one) for one in effects if is_wave(one) and one.STAGE == "joint")
+    waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
@@ -226,8 +226,8 @@ class Hyperparameters:
         squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
         seen = np.asarray(np.bincount(names, expected, count), dtype=float)
         for k, name in enumerate(columns.among):
-            if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
-                squares[k] += np.sum(np.square(own))
+            if sizes := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+                squares[k] += np.sum(np.square(sizes))
                 seen[k] = 1.0
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
         likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
@@ -238,9 +238,9 @@ class Hyperparameters:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
         weight, targets = np.ones(len(self._targets)), self._targets
         if targets.any():
-            left = posterior.residual[targets]
-            scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
-            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
+            at_targets = posterior.residual[targets]
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(at_targets))))
+            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (at_targets / scale) ** 2))
         return weight
 
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
@@ -343,16 +343,16 @@ def settled(
     early where gains fall, and the rounds left, each with the gain of the last one, would not reach the log evidence
     `least`.
     """
-    found = []
+    states = []
     for begin in begins:
         now, gain = fitted(begin), np.inf
-        for left in reversed(range(_ROUNDS)):
+        for rounds in reversed(range(_ROUNDS)):
             best, now, before = now, fitted(with_noise(now)), gain
             gain = evidence(now) - evidence(best)
-            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + left * gain < least):
+            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + rounds * gain < least):
                 break
-        found += [best, now]
-    return max(found, key=evidence)
+        states += [best, now]
+    return max(states, key=evidence)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -402,19 +402,22 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
     shapes = [healthy(shape) for shape in (expected, *tried)]
     # The background expects some of this play, which the tried one replaces.
-    own = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
-    at_mean = columns.X[:, own] @ posterior.background.mean[own]
+    indices = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
+    at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
     cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
     for k, shape in reversed(list(enumerate(shapes))):
         added = _in_each_width(linear, shape) - at_mean[:, None]
-        left = posterior.residual[:, None] - posterior.left_of(added)
-        cost[k] = columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows])
+        remaining = posterior.residual[:, None] - posterior.left_of(added)
+        cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
         energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
-    beside, alone = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
-    if max(beside, alone) <= FAULT:
+    beside_others, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    if max(beside_others, by_itself) <= FAULT:
         likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
         return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
-    return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
+    return [
+        *(scaled(shape, beside_others) for shape in shapes),
+        *[scaled(shapes[0], by_itself)] * (by_itself != beside_others),
+    ]
 
 
 def _in_each_width(linear: Linearisation, shape: Effect) -> Array:
@@ -425,10 +428,12 @@ def _in_each_width(linear: Linearisation, shape: Effect) -> Array:
 
 def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
     effect: Any = form.effects[0]
-    near = [abs(order_of(one.effects[0]) - effect.order) for one in columns.forms if one.name == form.name]
+    near = [
+        abs(order_of(neighbour.effects[0]) - effect.order) for neighbour in columns.forms if neighbour.name == form.name
+    ]
     tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
-    tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
-    effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+    tried = tried[tried >= min(effect.order, max(shape.low for shape in effect.STRETCHED))]
+    effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
     precision, eta = posterior.cavity(linear.columns(effects) / form.size)
     return _best_of_pairs(effects, precision, eta)
 
@@ -439,10 +444,10 @@ def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, f
     A joint is mostly near the ends of its range, so that a wave looks most like those whose phases agree at both ends,
     and least like its neighbours among the forms.
     """
-    orders = sorted({order_of(one.effects[0]) for one in columns.forms if one.name == form.name})
+    orders = sorted({order_of(neighbour.effects[0]) for neighbour in columns.forms if neighbour.name == form.name})
     places = np.arange(_PARTS * (len(orders) - 1) + 1) / _PARTS
     tried = np.interp(places, np.arange(len(orders)), orders)
-    effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+    effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
     added = linear.without_set_up(linear.columns(effects) / form.size)
     return _best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained)
 
@@ -451,6 +456,6 @@ def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> E
     """Return the wave that explains most, of pairs of effects that differ in phase, given the precision (2 n, 2 n) and
     the vector eta (2 n,) of their sizes."""
     pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
-    sizes = [np.linalg.solve(precision[own, own] + np.eye(2) / LARGEST_FAULT**2, eta[own]) for own in pairs]
-    best = int(np.argmax([size @ eta[own] for size, own in zip(sizes, pairs, strict=True)]))
+    sizes = [np.linalg.solve(precision[pair, pair] + np.eye(2) / LARGEST_FAULT**2, eta[pair]) for pair in pairs]
+    best = int(np.argmax([size @ eta[pair] for size, pair in zip(sizes, pairs, strict=True)]))
     return combined_effect(effects[pairs[best]], np.asarray(sizes[best], dtype=float))

@@ -47,14 +47,14 @@ class _Rung:
 
 
 def staircase_of(
-    found: Diagnosis, result: SearchResult, stages: Stages, *places: Sequence[ObservedRun]
+    diagnosis: Diagnosis, result: SearchResult, stages: Stages, *places: Sequence[ObservedRun]
 ) -> Staircase | None:
     """Return the staircase of a diagnosis whose budget and gaps are known; `places` are the runs used, the held-out
     runs and those at an unseen place, of (m, k) mm. None where nothing was added to the model."""
-    rungs = list(_rungs(found, result, stages))
+    rungs = list(_rungs(diagnosis, result, stages))
     if len(rungs) < 2:
         return None
-    gaps = (found.train, found.held_out, found.unseen)
+    gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     left_um = [[gap.before_um if gap else None for gap in gaps]]
     left_um += left_um_of([rung.effects for rung in rungs[1:-1]], [list(map(_thinned, runs)) for runs in places])
     left_um.append([gap.calibrated_um if gap else None for gap in gaps])
@@ -72,14 +72,14 @@ def _lefts(gaps: Sequence[Gap | None], left_um: Sequence[float | None]) -> tuple
     return used, held_out, unseen
 
 
-def _rungs(found: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Rung]:
+def _rungs(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Rung]:
     """Yield the models: the one begun with, with each large part, the largest first, and the calibrated one, with all
     others. What no model removes, as scatter, has no step."""
-    effects, budget = stages.effects[-1], found.budget
-    pieces = _pieces(found, result, stages)
-    added = [k for k, one in enumerate(budget) if one.label in pieces]
+    effects, budget = stages.effects[-1], diagnosis.budget
+    pieces = _pieces(diagnosis, result, stages)
+    added = [k for k, part in enumerate(budget) if part.label in pieces]
     added.sort(key=lambda k: -budget[k].um)
-    least_um = _LEAST * found.train.before_um
+    least_um = _LEAST * diagnosis.train.before_um
     large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
     yield _Rung((), ())
     names: list[Effect] = []
@@ -100,7 +100,7 @@ _Piece = tuple[tuple[Effect, ...], tuple[tuple[Effect, float], ...]]
 """What a part adds to the model: effects as they were fitted, and effects of which it has so many times."""
 
 
-def _pieces(found: Diagnosis, result: SearchResult, stages: Stages) -> dict[str, _Piece]:
+def _pieces(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> dict[str, _Piece]:
     """Return what each part of the budget adds to the model, by its label: a fitted effect, or the terms of the
     calibrated background that are of its kind and joint."""
     pieces: dict[str, _Piece] = {}
@@ -110,7 +110,9 @@ def _pieces(found: Diagnosis, result: SearchResult, stages: Stages) -> dict[str,
             label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
             _, terms = pieces.get(label, ((), ()))
             pieces[label] = (), (*terms, (term.effect, term.times))
-    return pieces | {label_of(one): ((one,), ()) for one in stages.effects[-1] if one in result.state.refined.effects}
+    return pieces | {
+        label_of(effect): ((effect,), ()) for effect in stages.effects[-1] if effect in result.state.refined.effects
+    }
 
 
 def left_um_of(
@@ -124,8 +126,8 @@ def left_um_of(
         fitted.append(setups)
     steps = Stages(tuple(models), tuple(fitted))
     each = [steps.left(runs) if runs else [None] * len(models) for runs in places]
-    for left in zip(*each, strict=True):
-        yield [None if one is None else 1e3 * rms(one) for one in left]
+    for row in zip(*each, strict=True):
+        yield [None if residual is None else 1e3 * rms(residual) for residual in row]
 
 
 def _thinned(run: ObservedRun) -> ObservedRun:
@@ -137,7 +139,7 @@ def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[
     the set-ups as free as in the gap."""
     measure, curves, maps = Measure(linear), [], []
     for effects in models:
-        left = linear.in_mm(measure.without_set_up(linear.residual(effects)))
-        curves.append([one.after_um for one in curves_of(linear.blocks, left, left)])
-        maps.append([one.after_um for one in maps_of(linear.blocks, left, left)])
+        residual = linear.in_mm(measure.without_set_up(linear.residual(effects)))
+        curves.append([curve.after_um for curve in curves_of(linear.blocks, residual, residual)])
+        maps.append([place.after_um for place in maps_of(linear.blocks, residual, residual)])
     return tuple(map(np.array, zip(*curves, strict=True))), tuple(map(np.array, zip(*maps, strict=True)))

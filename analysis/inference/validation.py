@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
-from analysis.inference.setups import FEWEST_PLACES, fit_run_setups, neighbourhoods, with_effects
+from analysis.inference.setups import FEWEST_PLACES, FittedRuns, fit_run_setups, neighbourhoods, with_effects
 from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
@@ -55,10 +55,10 @@ class Stages:
     def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
         """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
         others have their own fitted."""
-        found = []
+        residuals = []
         for effects, placed in zip(self.effects, self.setups, strict=True):
-            found.append(_left_with(with_effects(runs, effects), placed))
-        return found
+            residuals.append(_left_with(with_effects(runs, effects), placed))
+        return residuals
 
 
 def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
@@ -69,12 +69,12 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
     return [residuals_of(run.model, [run.one], every)[0] for run in runs]
 
 
-def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
+def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
     the names explains these runs worse than the names alone, the calibrated model has the names alone."""
     names = result.state.refined.effects
     effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
-    fits = [fit_run_setups(with_effects(runs, own)) for own in effects]
+    fits = [fitted.beside(added) for added in effects]
     if rms(fits[2][1]) > rms(fits[1][1]):
         effects, fits = (effects[0], names, names), [fits[0], fits[1], fits[1]]
     return Stages(effects, tuple(setups for setups, _ in fits))
@@ -82,26 +82,28 @@ def stages_of(runs: Sequence[ObservedRun], result: SearchResult) -> Stages:
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
     """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
-    left = stages.left(runs)
-    before, after, calibrated = (1e3 * rms(own) for own in left)
-    tests = tuple(_of_test(test, runs, left[0], left[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs))
+    residuals = stages.left(runs)
+    before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
+    tests = tuple(
+        _of_test(test, runs, residuals[0], residuals[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs)
+    )
     keeps = all(run.one.setup in stages.calibrated for run in runs)
-    floor = _floor(result, {run.name for run in runs})
+    floor = _floor(result, runs)
     return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
 
 
 def _of_test(
     test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
 ) -> TestGap:
-    own = [k for k, run in enumerate(runs) if test_of(run.one.table) == test]
-    both = [[left[k] for k in own] for left in (before, calibrated)]
-    (was, is_now) = ((1e3 * rms(one), 1e3 * max(map(_largest, one))) for one in both)
+    indices = [k for k, run in enumerate(runs) if test_of(run.one.table) == test]
+    both = [[of_stage[k] for k in indices] for of_stage in (before, calibrated)]
+    (was, is_now) = ((1e3 * rms(of_stage), 1e3 * max(map(_largest, of_stage))) for of_stage in both)
     return TestGap(test, *was, *is_now)
 
 
-def _largest(left: Array) -> float:
+def _largest(residual: Array) -> float:
     """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
-    size = np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left)
+    size = np.linalg.norm(residual, axis=1) if residual.shape[1] == 3 else np.abs(residual)
     return float(size.max())
 
 
@@ -132,12 +134,12 @@ def _ratio_within(result: SearchResult) -> float:
     linear, posterior = result.linear, result.calibrated_posterior
     noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band]
     excess, stated = [], []
-    for block, own in zip(linear.blocks, linear.rows, strict=True):
+    for block, of_block in zip(linear.blocks, linear.rows, strict=True):
         if not isinstance(block.one.table, PlaceTable):
             continue
         group = np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
         for number in np.unique(group).tolist():
-            rows = own.start + np.flatnonzero(group == number)
+            rows = of_block.start + np.flatnonzero(group == number)
             missed, variance = posterior.left_out(rows)
             robust = result.state.robust[rows]
             excess.append(float(robust @ (missed**2 - noise[rows])))
@@ -154,18 +156,18 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
     """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
     entries in the set-up of the runs used."""
     refined, posterior = result.state.refined, result.calibrated_posterior
-    alone = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
+    of_run = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
     columns = posterior.background.columns
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
-    share = alone.columns([effect for form in columns.forms for effect in form.effects]) / sizes
-    placed = np.zeros((len(alone.y), columns.set_ups.stop - columns.set_ups.start))
-    placed[:, result.linear.terms[run.one.setup]] = alone.U[:, alone.terms[run.one.setup]]
-    of_effect = [[one for one in refined.unknowns if one.effect == k] for k in range(len(refined.effects))]
-    known = [slopes_of(alone, *both) for both in zip(refined.effects, of_effect, strict=True)]
-    change = np.concatenate([*known, share, placed], axis=1)
+    share = of_run.columns([effect for form in columns.forms for effect in form.effects]) / sizes
+    placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
+    placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
+    of_effect = [[unknown for unknown in refined.unknowns if unknown.effect == k] for k in range(len(refined.effects))]
+    slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
+    change = np.concatenate([*slopes, share, placed], axis=1)
     covariance = posterior.joint_covariance(columns.set_ups.stop, len(refined.unknowns))
     variance = np.einsum("np,np->n", change @ covariance, change)
-    noise: Array = alone.blocks[0].sd_mm ** 2
+    noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise
 
 
@@ -180,12 +182,12 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     setups = result.linear.setups_moved_by(result.moves)
     for run in runs:
         judged = _at_places_used(result, run) or _at_other_places(result, run, setups)
-        left = judged.residual - judged.free_share
-        after = judged.energy(left)
+        residual = judged.residual - judged.free_share
+        after = judged.energy(residual)
         whole += judged.energy(judged.before)
-        gained += [judged.energy(left + change) - after for change in judged.contributions]
+        gained += [judged.energy(residual + change) - after for change in judged.contributions]
         shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
-    return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
+    return [float(gain / whole) if is_shown else None for gain, is_shown in zip(gained, shown, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -240,13 +242,13 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     (with_names,) = with_effects([run], result.state.refined.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
     (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))
-    found = entries(residual, sampling)
-    if len(found) != len(block.y_mm):
+    run_entries = entries(residual, sampling)
+    if len(run_entries) != len(block.y_mm):
         return None
-    left = block.white(found) + linear.U[rows] @ result.moves
-    before = left + (linear.residual(()) - result.state.refined.residual)[rows]
+    whitened = block.white(run_entries) + linear.U[rows] @ result.moves
+    before = whitened + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
-    residual_with_share = left - result.posterior.healthy_share[rows]
+    residual_with_share = whitened - result.posterior.healthy_share[rows]
     free, limit = result.free_share[rows], float(result.scatter_limits_um[k])
     return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), limit)
 
@@ -255,33 +257,31 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
     effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
     placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
-    alone = linearise(blocks_of([run], placed, effects), placed, effects)
+    of_run = linearise(blocks_of([run], placed, effects), placed, effects)
     sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
-    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
-    left = alone.residual(effects)
-    changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
-    with_share = left - share @ result.posterior.mean[: share.shape[1]]
-    (block,), none, limit = alone.blocks, np.zeros_like(with_share), float(limits_um(alone, None)[0])
-    return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), limit)
+    share = of_run.columns([effect for form in forms for effect in form.effects]) / sizes
+    residual = of_run.residual(effects)
+    changes = [of_run.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+    with_share = residual - share @ result.posterior.mean[: share.shape[1]]
+    (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run, None)[0])
+    return _JudgedRun(block, of_run.residual(()), with_share, none, changes, basis_of(of_run.U), limit)
 
 
-def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int) -> float:
-    """Return the rms residual (m, k) of runs with all effects except one, in µm and with set-ups fitted."""
-    return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]))[1])
-
-
-def left_um(runs: Sequence[ObservedRun], used: Sequence[ObservedRun], effects: Sequence[Effect]) -> float:
+def left_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
     """Return the rms residual (m, k) of runs with some effects alone, in µm: what their remedy alone leaves. As in the
     gap, runs in a set-up of the runs used keep it, and others have their own."""
-    placed = fit_run_setups(with_effects(used, effects))[0]
+    placed = used.beside(effects)[0]
     return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
 
 
-def _floor(result: SearchResult, names: Collection[str]) -> float:
-    """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
-    noise; that of touches, and of many poses, as far as the readings show it."""
-    linear = result.linear
+def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
+    """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
+    assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
+    of their test."""
+    linear, names, tests = result.linear, {run.name for run in runs}, {test_of(run.one.table) for run in runs}
     alike = [block.name in names for block in linear.blocks]
+    if not any(alike):
+        alike = [test_of(block.one.table) in tests for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
     strength = result.state.strength[result.selection.columns.band]
     shown = [
@@ -315,9 +315,9 @@ def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
-    found = posterior.joint_covariance(forms, fitted)
+    covariance = posterior.joint_covariance(forms, fitted)
     unit = np.concatenate([np.ones(fitted), 1 / sizes])
-    return np.asarray(unit[:, None] * found * unit, dtype=float)
+    return np.asarray(unit[:, None] * covariance * unit, dtype=float)
 
 
 def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis knows
@@ -336,21 +336,23 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
     left of them and `elsewhere`, and its uncertainty `widened` by a factor."""
     effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
-    terms = [Term.model_construct(effect=one, times=1.0, named=one in standing) for one in effects]
-    more = background_terms(result.calibrated_posterior)
+    terms = [Term.model_construct(effect=effect, times=1.0, named=effect in standing) for effect in effects]
+    background = background_terms(result.calibrated_posterior)
     if not stages.has_background:
-        more = [term.model_copy(update={"times": 0.0}) for term in more]
-    parameters = [Parameter.model_construct(term=one.effect, field=one.field) for one in unknowns]
-    parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(more))]
+        background = [term.model_copy(update={"times": 0.0}) for term in background]
+    parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
+    parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
     root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    found = CalibratedModel.model_construct(
+    calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
         date=dt.datetime.now(dt.UTC).date(),
         version=version(),
-        runs=tuple(CalibratedRun(name=one.run.manifest.name, sha256=one.run.readings_sha256) for one in used),
+        runs=tuple(
+            CalibratedRun(name=measured.run.manifest.name, sha256=measured.run.readings_sha256) for measured in used
+        ),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
         setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
@@ -359,42 +361,46 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
         widened=widened,
         judged=judged,
-        terms=(*terms, *more),
+        terms=(*terms, *background),
         parameters=tuple(parameters),
         factor=packed_factor(root),
     )
-    return found if rig.calibrated is None else _beside(rig.calibrated, found)
+    return calibrated if rig.calibrated is None else _beside(rig.calibrated, calibrated)
 
 
-def _beside(before: CalibratedModel, found: CalibratedModel) -> CalibratedModel:
+def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
     """Return a calibration that was found beside another one, with the terms of both. How many times a term shows adds
     up, and so does its variance, as if both were independent."""
     terms, parameters = list(before.terms), list(before.parameters)
-    known = {(terms[one.term].effect, one.field): k for k, one in enumerate(parameters) if one.field == TIMES}
+    numbers = {
+        (terms[parameter.term].effect, parameter.field): k
+        for k, parameter in enumerate(parameters)
+        if parameter.field == TIMES
+    }
     first, place = len(terms), []
-    for one in found.parameters:
-        term = found.terms[one.term]
-        place.append(known.get((term.effect, one.field), len(parameters)))
+    for parameter in new.parameters:
+        term = new.terms[parameter.term]
+        place.append(numbers.get((term.effect, parameter.field), len(parameters)))
         if place[-1] == len(parameters):
-            parameters.append(one.model_copy(update={"term": first + one.term}))
-    same = {found.parameters[j].term: parameters[k].term for j, k in enumerate(place) if k < len(before.parameters)}
-    terms += [term.model_copy(update={"times": 0.0}) if k in same else term for k, term in enumerate(found.terms)]
-    for k, old in same.items():
-        terms[old] = terms[old].model_copy(update={"times": terms[old].times + found.terms[k].times})
+            parameters.append(parameter.model_copy(update={"term": first + parameter.term}))
+    shared = {new.parameters[j].term: parameters[k].term for j, k in enumerate(place) if k < len(before.parameters)}
+    terms += [term.model_copy(update={"times": 0.0}) if k in shared else term for k, term in enumerate(new.terms)]
+    for k, old in shared.items():
+        terms[old] = terms[old].model_copy(update={"times": terms[old].times + new.terms[k].times})
     covariance = np.zeros((len(parameters), len(parameters)))
     count = len(before.parameters)
     covariance[:count, :count] = before.root @ before.root.T
-    covariance[np.ix_(place, place)] += found.root @ found.root.T
+    covariance[np.ix_(place, place)] += new.root @ new.root.T
     joints = [
-        (min(one[0], other[0]), max(one[1], other[1]))
-        for one, other in zip(before.joints_deg, found.joints_deg, strict=True)
+        (min(old_range[0], new_range[0]), max(old_range[1], new_range[1]))
+        for old_range, new_range in zip(before.joints_deg, new.joints_deg, strict=True)
     ]
     # A copy would keep the root and the effects that are known of the one found.
-    fields = {name: getattr(found, name) for name in CalibratedModel.model_fields}
-    rails = [one.rail_mm for one in (before, found) if one.rail_mm]
+    fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
+    rails = [model.rail_mm for model in (before, new) if model.rail_mm]
     fields |= {
         "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
-        "runs": (*before.runs, *found.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+        "runs": (*before.runs, *new.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
         "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
     }  # fmt: skip
     return CalibratedModel.model_construct(**fields)
@@ -416,7 +422,7 @@ def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:
     if poses:
         both = (setup.T_instrument_world, setup.T_tool_target)
-        placed = [tuple(tuple(row) for row in one.tolist()) for one in both]
+        placed = [tuple(tuple(row) for row in frame.tolist()) for frame in both]
         return PlacedSetUp(T_instrument_world=placed[0], T_tool_target=placed[1])
     x, y, z = setup.ball.tolist()
     return PlacedSetUp(ball_mm=(x, y, z), zeros_mm=tuple(setup.zeros_mm.tolist()))

@@ -14,7 +14,6 @@ from analysis.inference.background import best_free_form, free_forms_of
 from analysis.inference.budget import EffectChange, sizes_by_setup
 from analysis.inference.candidates import order_of
 from analysis.inference.link_swing import FoundVibration
-from analysis.inference.observation import ObservedRun
 from analysis.inference.residuals import bands_above_noise
 from analysis.inference.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
 from analysis.inference.result import (
@@ -31,8 +30,8 @@ from analysis.inference.result import (
 )
 from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
+from analysis.inference.setups import FittedRuns
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
-from analysis.inference.validation import gap_without_um
 from analysis.kinematics.arm import Array
 from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.pose import SAME_RAD, groups
@@ -95,7 +94,7 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
                 if (limit := limits.of(test, name)) is not None:
                     sheet = limits.from_data_sheet(test, name)
                     judged.append(JudgedFigure(test, column, name, figure, limit, sheet))
-    return tuple(sorted(judged, key=lambda one: (_WORST.index(one.standing), -one.excess)))
+    return tuple(sorted(judged, key=lambda figure: (_WORST.index(figure.standing), -figure.excess)))
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
@@ -185,34 +184,34 @@ class Gaps:
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
 
-def ambiguous_names(found: Sequence[Named]) -> list[Named]:
+def ambiguous_names(named: Sequence[Named]) -> list[Named]:
     """Return the names that stand and whose rivals cannot be dismissed."""
-    return [one for one in found if one.stands and one.posterior < CERTAIN_ODDS]
+    return [name for name in named if name.stands and name.posterior < CERTAIN_ODDS]
 
 
 def named_effects(
-    result: SearchResult, runs: Sequence[ObservedRun], gains: Sequence[float | None], changes: Sequence[EffectChange]
+    result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
 ) -> list[Named]:
     """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
     does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
     effects = result.state.refined.effects
-    found = [
-        _named(result, k, gain, change, gap_without_um(runs, effects, k))
+    named = [
+        _named(result, k, gain, change, fitted.left_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
     ]
     series = series_among(effects)
-    return [replace(one, doubt="series") if name_of(one.effect) in series else one for one in found]
+    return [replace(name, doubt="series") if name_of(name.effect) in series else name for name in named]
 
 
-def without_useless(found: Sequence[Named], train: Gap) -> list[Named]:
+def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     """Return names, none of which stands where the calibrated model explains the runs used no better than without
     them: they are something that is no effect, such as exchanged gauges. Where the names alone explain no more than
     nothing, only those stand that are all but certain: others cancel each other, or what is usual."""
     if train.calibrated_um >= train.before_um:
-        return [replace(one, doubt="no_better") if one.stands else one for one in found]
+        return [replace(name, doubt="no_better") if name.stands else name for name in named]
     if train.after_um < train.before_um:
-        return list(found)
-    return [replace(one, doubt="unsure") if one.stands and one.posterior < _SURE else one for one in found]
+        return list(named)
+    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE else name for name in named]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
@@ -220,18 +219,18 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     effects, own_odds = result.state.refined.effects, result.rival_odds[k]
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
-    sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
+    sd = {field: ratio * sigma for field, sigma in result.state.refined.sd(k).items()}
     twins, rivals = _rivals(result, k, own_odds)
-    odds = own_odds.odds + sum(one.posterior for one in twins)
+    odds = own_odds.odds + sum(twin.posterior for twin in twins)
     doubt = _doubt(result, k, change, odds, gain)
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effects[k].compensation().use != "none"
-    found = Named(
+    named = Named(
         effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(one.effect for one in twins), shown=_is_shown(result, effects[k]),
+        twins=tuple(twin.effect for twin in twins), shown=_is_shown(result, effects[k]),
     )  # fmt: skip
-    return replace(found, doubt="contradicted") if found.contradicted else found
+    return replace(named, doubt="contradicted") if named.contradicted else named
 
 
 def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
@@ -284,37 +283,37 @@ def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Ri
     return tuple(twins), tuple(others)
 
 
-def named_vibration(found: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
+def named_vibration(vibration: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
     """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
     at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
-    if found.gain < np.log(ODDS):
+    if vibration.gain < np.log(ODDS):
         return []
-    moves = Worth(np.full(len(limits), 1e3 * found.amplitude_mm / np.sqrt(2)))
+    moves = Worth(np.full(len(limits), 1e3 * vibration.amplitude_mm / np.sqrt(2)))
     if not moves.is_material(limits):
         return []
-    odds = 1 / (1 + float(np.exp(-min(found.gain, 50.0))))
-    return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, None)]
+    odds = 1 / (1 + float(np.exp(-min(vibration.gain, 50.0))))
+    return [Named(vibration.effect, vibration.sd, odds, (), gap_um, vibration.effect.remedy(), moves.whole_um, None)]
 
 
-def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
+def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
     """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
     µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs
     beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
     """
-    imitating = [one for one in found if one.contradicted]
+    imitating = [name for name in named if name.contradicted]
     effects = result.state.refined.effects
     imitated = sum(
-        (result.contributions[effects.index(one.effect)] for one in imitating), np.zeros_like(result.linear.y)
+        (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
     )
     linear, posterior = result.linear, result.posterior
     strength = result.state.strength[result.selection.columns.band]
     beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-    left = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
+    remainder = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
     gap_um = worth(linear, result.initial_residual).whole_um
-    share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
+    share = min(1.0, (remainder.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
-    is_material = left.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
-    um, single_um = min(left.whole_um, train.before_um), _left_of_runs_um(train)
+    is_material = remainder.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
+    um, single_um = min(remainder.whole_um, train.before_um), _left_of_runs_um(train)
     if single_um > max(um, LEAST_MATERIAL_UM):
         um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
     words = (
@@ -333,52 +332,54 @@ def _left_of_runs_um(train: Gap) -> float:
 
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
-    where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
+    where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
-    seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
+    seen = [f"it looks like {fitted.form.words}" for fitted in forms if fitted.gain > 0]
     alike = [
-        f"{label_of(one.effect)} resembles it, but {_shares_in_words(one)}" for one in imitating if not one.is_term
+        f"{label_of(named.effect)} resembles it, but {_shares_in_words(named)}"
+        for named in imitating
+        if not named.is_term
     ]
-    series = Counter(name_of(one.effect) for one in imitating if one.is_term)
+    series = Counter(name_of(named.effect) for named in imitating if named.is_term)
     alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
     return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
 
 
-def _shares_in_words(one: Named) -> str:
-    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in one.shares]
+def _shares_in_words(named: Named) -> str:
+    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
     return f"the readings show {' and '.join(shown)}"
 
 
 def condition_of(
-    result: SearchResult, found: Sequence[Named], left: Remainder, gaps: Gaps, *, is_material: bool, early: bool
+    result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
 ) -> Condition:
     """Return the condition of the arm. `is_material` states whether what remains exceeds the scatter of one run, and
     `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
-    if (is_material and _is_much(result, left, gaps)) or _is_foreign(gaps):
+    if (is_material and _is_much(result, remainder, gaps)) or _is_foreign(gaps):
         return "outside_library"
-    if any(one.stands for one in found):
-        open_ones = ambiguous_names(found)
-        sure = [one for one in found if one.stands and one not in open_ones]
+    if any(name.stands for name in named):
+        open_ones = ambiguous_names(named)
+        sure = [name for name in named if name.stands and name not in open_ones]
         # The condition is that of most of what stands: a small name with a rival labels no others.
         return "named" if _energy(sure) > _energy(open_ones) else "ambiguous"
-    if is_undecided(found):
+    if is_undecided(named):
         return "undecided"
     return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
 
 
-def _energy(found: Sequence[Named]) -> float:
+def _energy(names: Sequence[Named]) -> float:
     """Return the mean square in µm² that names make."""
-    return sum(one.worth_um**2 for one in found)
+    return sum(name.worth_um**2 for name in names)
 
 
-def _is_much(result: SearchResult, left: Remainder, gaps: Gaps) -> bool:
+def _is_much(result: SearchResult, remainder: Remainder, gaps: Gaps) -> bool:
     """Return whether what remains is more than crumbs of the arm's error, to which what an earlier calibration in the
     rig file explains belongs."""
     calibrated = result.linear.blocks[0].model.rig.calibrated
     whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0)
-    return left.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
+    return remainder.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
@@ -393,37 +394,40 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 def _readings_apart(result: SearchResult) -> int:
     """Return the number of readings of the runs, in which a posture of poses counts three, also where it was visited
     again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
-    told = 0
+    readings = 0
     for block in result.linear.blocks:
         table = block.one.table
-        told += 3 * int(groups(table.q, SAME_RAD).max() + 1) if isinstance(table, PlaceTable) else len(block.y_mm)
-    return told
+        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if isinstance(table, PlaceTable) else len(block.y_mm)
+    return readings
 
 
-def is_undecided(found: Sequence[Named]) -> bool:
+def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: one of its size is not certain yet."""
-    return any(one.doubt in ("healthy_shows_it", "rival", "unsure") for one in found)
+    return any(name.doubt in ("healthy_shows_it", "rival", "unsure") for name in named)
 
 
-def runs_to_decide(result: SearchResult, found: Sequence[Named]) -> int:
+def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     """Return how many runs of each kind would decide an undecided condition: at least two, which show the noise, and so
     many that the change of the most doubtful effect is certain."""
     most = max((block.count for block in result.linear.blocks), default=1)
-    sigmas = [one.worth_um / one.u_um for one in found if not one.stands and one.u_um > 0 and one.worth_um > 0]
-    wanted = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
-    return int(min(max(2, most + 1, np.ceil(most * wanted)), _MOST_RUNS))
+    sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
+    factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
+    return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 
 
 def _is_foreign(gaps: Gaps) -> bool:
     """Return whether another place contradicts the model: with everything that was found it is no better there than
     with the names alone, or hardly better than without them, where the runs used were explained."""
-    there = gaps.unseen
-    if there is None or there.before_um <= _FAR * there.noise_floor_um:
+    elsewhere = gaps.unseen
+    if elsewhere is None or elsewhere.before_um <= _FAR * elsewhere.noise_floor_um:
         return False
-    floor = there.noise_floor_um**2
-    gained = 1 - max(there.calibrated_um**2 - floor, 0.0) / max(there.before_um**2 - floor, 1e-12)
+    floor = elsewhere.noise_floor_um**2
+    gained = 1 - max(elsewhere.calibrated_um**2 - floor, 0.0) / max(elsewhere.before_um**2 - floor, 1e-12)
     explained = 1 - (gaps.train.calibrated_um / max(gaps.train.before_um, 1e-12)) ** 2
-    worse = there.calibrated_um > _WORSE * there.after_um and there.calibrated_um > _FAR * there.noise_floor_um
+    worse = (
+        elsewhere.calibrated_um > _WORSE * elsewhere.after_um
+        and elsewhere.calibrated_um > _FAR * elsewhere.noise_floor_um
+    )
     return bool(worse or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN))
 
 
@@ -435,16 +439,17 @@ def _gains_elsewhere(gaps: Gaps) -> bool:
     return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
 
 
-def judged_of(found: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
+def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
     """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
     handed over."""
-    there = gaps.judged
-    left = max(there.calibrated_um**2 - there.noise_floor_um**2, 0.0)
-    coordinates = 3 if all(test in _BY_DISTANCE for test in (one.test for one in there.tests)) else 1
+    judged = gaps.judged
+    excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
+    coordinates = 3 if all(test in _BY_DISTANCE for test in (tested.test for tested in judged.tests)) else 1
     return Judged(
-        condition=found.condition, place=found.accuracy.place, before_um=there.before_um, names_um=there.after_um,
-        whole_um=whole.judged.calibrated_um, handed_um=there.calibrated_um, noise_um=there.noise_floor_um,
-        unexplained_um=float(np.sqrt(left / coordinates)),
+        condition=diagnosis.condition, place=diagnosis.accuracy.place,
+        before_um=judged.before_um, names_um=judged.after_um,
+        whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
+        unexplained_um=float(np.sqrt(excess_um2 / coordinates)),
     )  # fmt: skip
 
 
@@ -454,9 +459,9 @@ def accuracy_of(
     """Return the error now and after the calibration, where it had no part if runs of such a place were given; judged
     by the tolerance, or else by the limits of the rig file, as they stand."""
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
-    there = gaps.unseen or gaps.held_out or gaps.train
-    largest = max((one.before_largest_um for one in gaps.train.tests), default=gaps.train.before_um)
-    own: Literal["tolerance", "rig_file", "data_sheet"] | None = limit
+    judged = gaps.unseen or gaps.held_out or gaps.train
+    largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)
+    judged_by: Literal["tolerance", "rig_file", "data_sheet"] | None = limit
     if tolerance_um is not None:
-        standing, own = "pass" if gaps.train.before_um <= tolerance_um else "fail", "tolerance"
-    return Accuracy(standing, own, gaps.train.before_um, largest, there.calibrated_um, there.before_um, place)
+        standing, judged_by = "pass" if gaps.train.before_um <= tolerance_um else "fail", "tolerance"
+    return Accuracy(standing, judged_by, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place)

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Arm, Array, blocks, pose_error
-from analysis.kinematics.canonical import canonical
-from analysis.kinematics.closed_form import branches
+from analysis.kinematics.closed_form import branches, canonical
 from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
+from analysis.kinematics.limits import within_limits, wrapped
 from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
-from analysis.kinematics.turns import wrapped
 from rigs.errors import PathError
 
 Indices = NDArray[np.intp]
@@ -41,7 +39,16 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
         path = _walked(arm, poses, knots, start, where)
-    _hold_limits(arm, path, where)
+    low, high = path.min(axis=0), path.max(axis=0)
+    for axis in range(6):
+        if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
+            raise PathError(
+                where,
+                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
+                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
+                "move the path or choose another posture_deg",
+                "limits",
+            )
     return path
 
 
@@ -104,9 +111,9 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
     """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
     where any is."""
     solutions = inverse(arm, pose)
-    found = solutions.q[solutions.found]
-    allowed, _ = within_limits(arm, found)
-    candidates = allowed if len(allowed) else found
+    postures = solutions.q[solutions.found]
+    allowed, _ = within_limits(arm, postures)
+    candidates = allowed if len(allowed) else postures
     if not len(candidates):
         return None
     nearest: Array = candidates[np.abs(candidates - q).max(axis=1).argmin()]
@@ -138,19 +145,6 @@ def _knots(poses: Array) -> Indices:
     counts = np.floor(np.concatenate([[0.0], np.cumsum(motion)]) / _KNOT_TURN)
     inner = np.flatnonzero(np.diff(counts) > 0) + 1
     return np.unique(np.concatenate([[0], inner, [len(poses) - 1]])).astype(np.intp)
-
-
-def _hold_limits(arm: Arm, path: Array, where: str) -> None:
-    low, high = path.min(axis=0), path.max(axis=0)
-    for axis in range(6):
-        if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
-            raise PathError(
-                where,
-                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
-                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
-                "move the path or choose another posture_deg",
-                "limits",
-            )
 
 
 def _named(poses: Array, index: int) -> str:

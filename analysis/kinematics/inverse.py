@@ -12,12 +12,10 @@ from functools import partial
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask, blocks
-from analysis.kinematics.canonical import Canonical, canonical
-from analysis.kinematics.closed_form import branches
+from analysis.kinematics.closed_form import Canonical, branches, canonical
+from analysis.kinematics.limits import distinct, good, may_hold_twins, off_by, wrapped
 from analysis.kinematics.newton import newton
 from analysis.kinematics.search import searched
-from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by
-from analysis.kinematics.turns import wrapped
 
 _POLISHED_MM = 1e-3
 """An error of a closed form below this comes from rounding, and a Newton step removes it; above it, from reach."""
@@ -50,26 +48,26 @@ def inverse(arm: Arm, poses: Array) -> Solutions:
     """
     form = canonical(arm)
     solve = partial(_exact, arm, form) if form is not None and form.exact else partial(searched, arm, form)
-    known = np.where(np.isfinite(poses), poses, np.nan)  # what is not a number passes through in silence, infinity not
-    parts = [solve(known[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
-    q, found = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Solutions(q, found, complete=form is not None and form.exact)
+    finite = np.where(np.isfinite(poses), poses, np.nan)  # what is not a number passes through in silence, infinity not
+    parts = [solve(finite[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
+    q, solved = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Solutions(q, solved, complete=form is not None and form.exact)
 
 
 def _exact(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask]:
     turned = wrapped(branches(form, poses) - arm.offset[:, None])
     q: Array = np.linalg.inv(arm.coupling) @ turned
     mm, rad = off_by(arm, poses, q)
-    found = good(mm, rad)
-    near = ~found & (mm < _POLISHED_MM) & (rad < _POLISHED_MM)
+    solved = good(mm, rad)
+    near = ~solved & (mm < _POLISHED_MM) & (rad < _POLISHED_MM)
     q = np.ascontiguousarray(q.transpose(2, 0, 1))
-    found = np.ascontiguousarray(found.T)
+    solved = np.ascontiguousarray(solved.T)
     if near.any():
         slot, row = np.nonzero(near)
         polished = newton(arm, poses[row], q[row, slot])[0]
         q[row, slot] = polished
-        found[row, slot] = good(*off_by(arm, poses[row], polished.T[None]))[0]
-    twins = np.flatnonzero(may_hold_twins(turned, found.T))
-    found[twins] = distinct(arm, q[twins], found[twins])[1]
-    q[~found] = np.nan
-    return q, found
+        solved[row, slot] = good(*off_by(arm, poses[row], polished.T[None]))[0]
+    twins = np.flatnonzero(may_hold_twins(turned, solved.T))
+    solved[twins] = distinct(arm, q[twins], solved[twins])[1]
+    q[~solved] = np.nan
+    return q, solved

@@ -38,8 +38,8 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
     # What a few steps do not bring there goes on together: few poses at a time would pay for the calls alone.
     for steps in (min(iterations, _FEW), iterations - _FEW):
         for block in blocks(len(rows) if steps > 0 else 0, _BLOCK):
-            some = rows[block]
-            q[some], off_mm[some] = _converge(arm, poses[some], q[some], steps)
+            moving = rows[block]
+            q[moving], off_mm[moving] = _converge(arm, poses[moving], q[moving], steps)
         rows = rows[off_mm[rows] >= TOLERANCE_MM]
     return q, off_mm
 
@@ -86,8 +86,8 @@ def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> 
     at, off_mm, regularity, near = q.copy(), np.empty(len(q)), np.empty(len(q)), np.empty(len(q), dtype=bool)
     for block in blocks(len(q), _BLOCK):
         off_mm[block], regularity[block], near[block] = _simplified(arm, poses[block], at[block], within_mm)
-    rest = np.flatnonzero(near & ~(off_mm < TOLERANCE_MM))
-    at[rest], off_mm[rest] = _all_converged(arm, poses[rest], q[rest], _FEW)
+    far_on = np.flatnonzero(near & ~(off_mm < TOLERANCE_MM))
+    at[far_on], off_mm[far_on] = _all_converged(arm, poses[far_on], q[far_on], _FEW)
     return at, off_mm, regularity
 
 
@@ -98,25 +98,25 @@ def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Arr
     targets = columns_of(poses)
     error = _error_mm(tool, targets)
     near = np.maximum(_length(error[:3]), _length(error[3:])) < within_mm
-    size, regularity, left = np.full(len(q), np.inf), np.zeros(len(q)), np.flatnonzero(near)
-    if len(left) < len(q):
-        motions, error, targets = motions[:, :, left], error[:, left], targets[:, :, left]
+    size, regularity, active = np.full(len(q), np.inf), np.zeros(len(q)), np.flatnonzero(near)
+    if len(active) < len(q):
+        motions, error, targets = motions[:, :, active], error[:, active], targets[:, :, active]
     motions[:, 3:] *= LENGTH_MM
-    back = _solved(_damped(_normal(motions), np.zeros(len(left))), motions)
-    regularity[left] = 1 / (_length(motions.reshape(36, -1)) * _length(back.reshape(36, -1)))
-    at = q[left].T
-    for _ in range(_FEW if len(left) else 0):
+    back = _solved(_damped(_normal(motions), np.zeros(len(active))), motions)
+    regularity[active] = 1 / (_length(motions.reshape(36, -1)) * _length(back.reshape(36, -1)))
+    at = q[active].T
+    for _ in range(_FEW if len(active) else 0):
         at = at + _limited(_applied(back, error))
         error = _error_mm(tool_columns(arm, at.T), targets)
-        size[left] = _length(error)
-        off = size[left] >= TOLERANCE_MM
+        size[active] = _length(error)
+        off = size[active] >= TOLERANCE_MM
         if not off.all():
-            q[left] = at.T
-            left, at, targets = left[off], at[:, off], targets[:, :, off]
+            q[active] = at.T
+            active, at, targets = active[off], at[:, off], targets[:, :, off]
             error, back = error[:, off], back[:, :, off]
-        if not len(left):
+        if not len(active):
             break
-    q[left] = at.T
+    q[active] = at.T
     return size, regularity, near
 
 

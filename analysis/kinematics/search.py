@@ -10,12 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.kinematics.canonical import Canonical
-from analysis.kinematics.closed_form import branches
+from analysis.kinematics.closed_form import Canonical, branches
+from analysis.kinematics.limits import distinct, good, may_hold_twins, off_by, wrapped
 from analysis.kinematics.newton import TOLERANCE_MM, from_nearby, newton
 from analysis.kinematics.singularity import null_motion
-from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by
-from analysis.kinematics.turns import wrapped
 
 _SEEDS, _MOST = 96, 16
 """Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
@@ -33,23 +31,33 @@ _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
 
 
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
-    """q (n, 16, 6) rad and found (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or from a
-    spread; found ones first."""
-    q, found = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
+    """q (n, 16, 6) rad and solved (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or a
+    spread; solved ones first."""
+    q, solved = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     if form is None:
-        theta: Array = np.broadcast_to(_spread(), (len(poses), _SEEDS, 6))
+        # Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018).
+        root = 1.0
+        for _ in range(50):
+            root = (1 + root) ** (1 / 7)
+        steps = root ** -np.arange(1.0, 7.0)
+        filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
+        theta: Array = np.broadcast_to(filled, (len(poses), _SEEDS, 6))
         return _beside(arm, poses, *_first(*_reached(arm, poses, _joints(arm, theta))))
     theta = branches(form, poses)
-    q[:, :8], found[:, :8], clear = _near_branches(arm, form, poses, theta)
-    rest = np.flatnonzero(~clear)
-    if len(rest):
-        more = _reached(arm, poses[rest], _held_apart(arm, form, poses[rest], theta[:, :, rest], found[rest, :8]))
-        q[rest], found[rest] = _beside(arm, poses[rest], *_together(arm, q[rest], found[rest], *more))
-    return _first(q, found)
+    q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
+    doubtful = np.flatnonzero(~clear)
+    if len(doubtful):
+        more = _reached(
+            arm, poses[doubtful], _held_apart(arm, form, poses[doubtful], theta[:, :, doubtful], solved[doubtful, :8])
+        )
+        q[doubtful], solved[doubtful] = _beside(
+            arm, poses[doubtful], *_together(arm, q[doubtful], solved[doubtful], *more)
+        )
+    return _first(q, solved)
 
 
 def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tuple[Array, Mask, Mask]:
-    """Newton from each branch theta (8, 6, n) of the snapped arm that can be near a solution: q (n, 8, 6), found
+    """Newton from each branch theta (8, 6, n) of the snapped arm that can be near a solution: q (n, 8, 6), solved
     (n, 8), and which poses (n,) are clear: no branch is near the end of its reach or another one, none near a
     singularity."""
     seeds = _joints(arm, theta.transpose(2, 0, 1))
@@ -57,47 +65,47 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     reached, off_mm, regularity = from_nearby(arm, flat, seeds.reshape(-1, 6), _BEYOND * form.snapped_mm)
     turned = wrapped(reached @ arm.coupling.T)
     q: Array = turned @ np.linalg.inv(arm.coupling).T
-    found, tried = off_mm < TOLERANCE_MM, off_mm < np.inf
-    unsure = np.flatnonzero(tried & ~found)
-    found[unsure] = good(*off_by(arm, flat[unsure], q[unsure].T[None]))[0]
-    q[~found] = np.nan
-    regular = (found & (regularity >= _REGULAR)) | ~tried
+    solved, tried = off_mm < TOLERANCE_MM, off_mm < np.inf
+    unsure = np.flatnonzero(tried & ~solved)
+    solved[unsure] = good(*off_by(arm, flat[unsure], q[unsure].T[None]))[0]
+    q[~solved] = np.nan
+    regular = (solved & (regularity >= _REGULAR)) | ~tried
     clear = regular.reshape(-1, 8).all(axis=1)
-    clear &= ~may_hold_twins(turned.reshape(-1, 8, 6).transpose(1, 2, 0), found.reshape(-1, 8).T)
-    return q.reshape(-1, 8, 6), found.reshape(-1, 8), clear
+    clear &= ~may_hold_twins(turned.reshape(-1, 8, 6).transpose(1, 2, 0), solved.reshape(-1, 8).T)
+    return q.reshape(-1, 8, 6), solved.reshape(-1, 8), clear
 
 
-def _held_apart(arm: Arm, form: Canonical, poses: Array, theta: Array, found: Mask) -> Array:
+def _held_apart(arm: Arm, form: Canonical, poses: Array, theta: Array, solved: Mask) -> Array:
     """Seeds (n, 16, 6) for poses in doubt: the branches theta (8, 6, n) of the snapped arm that led to no solution, and
     what becomes of the branches where the two sides of a singularity are held apart; nan where that is nothing new."""
     apart = branches(form, poses, _SPREAD)
     moved = (np.abs(wrapped(apart - theta)).max(axis=1) > 0).T
     seeds = np.concatenate([theta, apart]).transpose(2, 0, 1)
-    return distinct(arm, _joints(arm, seeds), ~np.concatenate([found, ~moved], axis=1))[0]
+    return distinct(arm, _joints(arm, seeds), ~np.concatenate([solved, ~moved], axis=1))[0]
 
 
-def _beside(arm: Arm, poses: Array, q: Array, found: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, 16, 6) and found (n, 16), with those to both sides of each that is near a singularity."""
-    seeds = _aside(arm, q, found)
+def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
+    """Solutions q (n, 16, 6) and solved (n, 16), with those to both sides of each that is near a singularity."""
+    seeds = _aside(arm, q, solved)
     again = np.isfinite(seeds).any(axis=(1, 2))
     more = _reached(arm, poses[again], seeds[again])
-    q[again], found[again] = _together(arm, q[again], found[again], *more)
-    return q, found
+    q[again], solved[again] = _together(arm, q[again], solved[again], *more)
+    return q, solved
 
 
-def _together(arm: Arm, q: Array, found: Mask, more: Array, found_more: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, k, 6), found (n, k) and more, each once."""
-    both = np.concatenate([q, more], axis=1), np.concatenate([found, found_more], axis=1)
+def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
+    """Solutions q (n, k, 6), solved (n, k) and more, each once."""
+    both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
     return _first(*distinct(arm, *_first(*both, most=None)))
 
 
-def _aside(arm: Arm, q: Array, found: Mask) -> Array:
+def _aside(arm: Arm, q: Array, solved: Mask) -> Array:
     """Seeds (n, s, 6) to both sides of each solution near a singularity, else nan.
 
     Branches lie close together there, along the joint motion that leaves the tool still, and the seeds of
     several may have run into one.
     """
-    row, slot = np.nonzero(found)
+    row, slot = np.nonzero(solved)
     condition, still = null_motion(arm, q[row, slot])
     near = condition < _SINGULAR
     row, slot = row[near], slot[near]
@@ -109,28 +117,18 @@ def _aside(arm: Arm, q: Array, found: Mask) -> Array:
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
     """Where Newton gets to from seeds (n, k, 6), each solution once; nan seeds lead nowhere."""
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
-    own = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
-    own = _joints(arm, own @ arm.coupling.T + arm.offset)
-    q, found = np.full(seeds.shape, np.nan), np.zeros(seeds.shape[:2], dtype=bool)
-    q[row, slot], found[row, slot] = own, good(*off_by(arm, poses[row], own.T[None]))[0]
-    return distinct(arm, *_first(q, found, most=None))
+    q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
+    q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)
+    q, solved = np.full(seeds.shape, np.nan), np.zeros(seeds.shape[:2], dtype=bool)
+    q[row, slot], solved[row, slot] = q_reached, good(*off_by(arm, poses[row], q_reached.T[None]))[0]
+    return distinct(arm, *_first(q, solved, most=None))
 
 
-def _first(q: Array, found: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
-    """At most so many slots, the found ones first, in their order; without `most` as many as hold all."""
-    most = most or max(_MOST, int(found.sum(axis=1).max(initial=0)))
-    order = np.argsort(~found, axis=1, kind="stable")[:, :most]
-    return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(found, order, axis=1)
-
-
-def _spread() -> Array:
-    """Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018)."""
-    root = 1.0
-    for _ in range(50):
-        root = (1 + root) ** (1 / 7)
-    steps = root ** -np.arange(1.0, 7.0)
-    filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
-    return filled
+def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
+    """At most so many slots, the solved ones first, in their order; without `most` as many as hold all."""
+    most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
+    order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
+    return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)
 
 
 def _joints(arm: Arm, theta: Array) -> Array:

@@ -49,7 +49,7 @@ def evaluate(
     radius = laps.frame.radius
     hold_radius(where, radius)
     hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
-    curve = curve_of(run, lambda g_mm: g_mm.mean(axis=-1), np.sqrt(0.5), 1, like)
+    curve = curve_of(run, mean_of_gauges, np.sqrt(0.5), 1, like)
     turned = curve.turned(np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS))
 
     def drawn(curves: Sequence[Array]) -> list[Array]:
@@ -67,8 +67,8 @@ def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, fl
 
 def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
     """The plain figures (...,) of distances (..., NODES) mm over PHI."""
-    fit = fit_circle(distance, radius_mm)
-    deviation = at_resolution(distance - circle_at(fit, radius_mm))
+    fit, circle = circle_through(distance, radius_mm)
+    deviation = at_resolution(distance - circle)
     return {
         "circular_deviation_mm": np.ptp(deviation, axis=-1),
         "eccentricity_u_mm": fit[..., 0],
@@ -77,8 +77,19 @@ def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
     }
 
 
+def mean_of_gauges(g_mm: Array) -> Array:
+    """The distance (...,) mm, from the gauges' zeros, of readings (..., 2) mm."""
+    mean: Array = (g_mm[..., 0] + g_mm[..., 1]) / 2
+    return mean
+
+
 def fit_circle(distance: Array, radius_mm: float) -> Array:
-    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c through distances (..., NODES).
+    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c through distances (..., NODES)."""
+    return circle_through(distance, radius_mm)[0]
+
+
+def circle_through(distance: Array, radius_mm: float) -> tuple[Array, Array]:
+    """The same fit (..., 3), and its circle (..., NODES) mm.
 
     The slopes by e_u and e_v are close to -cos and -sin, so that each round takes the orders 0 and 1 of what is left.
     """
@@ -86,15 +97,21 @@ def fit_circle(distance: Array, radius_mm: float) -> Array:
     fit = np.zeros(3)
     mean = distance.reshape(-1, NODES).mean(axis=0)
     for _ in range(_ROUNDS):
-        fit = _closer(mean, fit, radius_mm)
-    return _closer(distance, _closer(distance, fit, radius_mm), radius_mm)
+        fit = fit + _orders(mean - circle_at(fit, radius_mm))
+    fit = fit + _orders(distance - circle_at(fit, radius_mm))
+    circle = circle_at(fit, radius_mm)
+    # The last step is of nanometres, over which the slopes' own difference from the waves is nothing.
+    last = _orders(distance - circle)
+    return fit + last, circle + last @ _WAVES
 
 
-def _closer(distance: Array, fit: Array, radius_mm: float) -> Array:
-    """The next round (..., 3) of fits (..., 3), or of one (3,) for all."""
-    left = np.fft.rfft(distance - circle_at(fit, radius_mm))[..., :2] / NODES
-    closer: Array = fit + np.stack([-2 * left[..., 1].real, 2 * left[..., 1].imag, left[..., 0].real], axis=-1)
-    return closer
+_WAVES = np.stack([-np.cos(PHI), -np.sin(PHI), np.ones(NODES)])
+"""Slopes (3, NODES) of a distance by e_u, e_v and c, where the ball is near the centre."""
+
+
+def _orders(left: Array) -> Array:
+    """What curves (..., NODES) have of these waves, (..., 3), by least squares: nodes lie evenly around the circle."""
+    return np.asarray(left @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
 
 
 def circle_at(fit: Array, radius_mm: float) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from analysis.geometry.iso_cube import Cube
 from analysis.kinematics.arm import Array, Integers
-from analysis.kinematics.turns import wrapped
+from analysis.kinematics.limits import wrapped
 from analysis.measures.iso_figures import FEWEST_CYCLES
 from analysis.measures.quantity import Quantity, student_factor
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +51,11 @@ Plain = Callable[[Array], Mapping[str, Array]]
 class LapCurve:
     """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; power (NODES // 2 + 1,):
     likely mean square of these in each order; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of
-    phi; blur: of a row's place, rad; slips: steps of the level between laps, taken out."""
+    phi; blur: of a row's place, rad; slips: steps of the level between laps, taken out; again: the same curve made
+    again, which draws the same errors."""
 
     y: Array
-    errors: Array
+    again: Callable[[], LapCurve]
     power: Array
     laps: Array
     noise: LapNoise
@@ -60,6 +63,19 @@ class LapCurve:
     rate: float
     blur: float
     slips: tuple[float, ...]
+
+    @cached_property
+    def errors(self) -> Array:
+        """The errors (DRAWS, NODES): 2.3 MB, which are neither sent from process to process nor kept with a result."""
+        return self.again().errors
+
+    @property
+    def without_draws(self) -> LapCurve:
+        """The same curve, which draws its errors again where they are asked for."""
+        return replace(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "errors"}
 
     @property
     def calm(self) -> Array:
@@ -110,9 +126,9 @@ def curve_of(
     errors += _where_laps_differ(laps, rng)
     place = np.argsort(run.order)
     likely = np.exp(np.log(power).mean(axis=0))
-    return LapCurve(
+    curve = LapCurve(
         laps.mean(axis=0)[place],
-        errors[:, place],
+        partial(curve_of, run, values, per_mm, channel, like),
         likely,
         laps[:, place],
         noise,
@@ -121,6 +137,8 @@ def curve_of(
         run.blur,
         tuple(slips),
     )
+    vars(curve)["errors"] = errors[:, place]
+    return curve
 
 
 def at_resolution(y: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,12 @@ from analysis.measures.reduction import PHI, nodes_of, reduced
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
 from analysis.traces.laps import Laps
 from rigs.errors import FileError
+
+
+def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
+    """The angle (...,) rad of readings (..., 2) mm of gauges a baseline apart."""
+    return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
 """The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
@@ -64,10 +71,14 @@ class Sine:
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
     """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
 
-    Nodes lie evenly around the circle, so that the paper's sums are the orders 0 and 1 of the spectrum.
+    Nodes lie evenly around the circle, so that the paper's sums are those of the level and the first order.
     """
-    spectrum = np.fft.rfft(y)[..., :2] / NODES
-    return spectrum[..., 0].real, -2 * spectrum[..., 1].imag, 2 * spectrum[..., 1].real
+    fitted = y @ _FIRST_ORDER
+    return fitted[..., 0], fitted[..., 1], fitted[..., 2]
+
+
+_FIRST_ORDER = np.stack([np.ones(NODES), 2 * np.sin(PHI), 2 * np.cos(PHI)], axis=1) / NODES
+"""What (NODES, 3) gives level, sine and cosine of a curve, by least squares."""
 
 
 def fit_sine(phi: Array, y: Array) -> Sine:
@@ -93,6 +104,13 @@ class CircleResult:
     distance: Circularity
     u_lag_s: float
     u_scale: float
+
+    @property
+    def without_rows(self) -> CircleResult:
+        """The same result without the rows of its laps, but the first, and without the draws of its noise, which are
+        drawn again where they are asked for."""
+        distance = replace(self.distance, curve=self.distance.curve.without_draws)
+        return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
 
 
 @dataclass(frozen=True)
@@ -123,10 +141,9 @@ class AngleTest:
         _hold(laps, baseline_mm, where)
         run = reduced(laps)
 
-        def angle_of(g_mm: Array) -> Array:
-            return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
-
-        curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
+        curve = curve_of(
+            run, partial(angle_of_gauges, baseline_mm=baseline_mm), np.sqrt(2) / abs(baseline_mm), 0, like and like[0]
+        )
         radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
         rng = np.random.default_rng(SEED)
         turned = curve.turned(rng.normal(0.0, u_lag_s, DRAWS))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.kinematics.turns import wrapped
+from analysis.kinematics.limits import wrapped
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import PLACE, Quantity, half_turns, is_around_circle, student_factor

@@ -27,7 +27,7 @@ from analysis.conventions.lost_poses import without_lost
 from analysis.geometry.iso_cube import Cube
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, forward, transform, without_setup
-from analysis.kinematics.turns import impossible_rad, wrapped
+from analysis.kinematics.limits import impossible_rad, wrapped
 from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.iso_figures import RP_VISITS, rp

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.loading import Measured, load_measured
+from analysis.traces.tables import CircleTable
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,23 @@ class Result(Tabular):
     def doubts(self) -> tuple[str, ...]:
         """What a person should know before trusting the figures, in words."""
         return (*doubts_of(self.measured), *self.found.notes)
+
+    @property
+    def without_rows(self) -> Result:
+        """The same figures and doubts, of a circle without the rows that they are of: what many runs are kept as. The
+        run's digest is that of its readings all the same."""
+        if not isinstance(self.found, CircleResult) or not isinstance(self.measured.table, CircleTable):
+            return self
+        measured, rows = (
+            self.measured,
+            {name: getattr(self.measured.table, name)[:0].copy() for name in ("t_s", "q", "g_mm")},
+        )
+        run = replace(measured.run, table=None)
+        vars(run)["readings_sha256"] = measured.run.readings_sha256
+        bare = replace(measured, run=run, table=replace(measured.table, u_t_s=None, **rows))
+        result = replace(self, measured=bare, found=self.found.without_rows)
+        vars(result)["doubts"] = self.doubts
+        return result
 
     @property
     def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:
@@ -123,6 +141,17 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 def read_and_evaluated(path: Path) -> Result:
     """The result of a run directory by itself. Raises FileError."""
     return result_of(load_measured(path))
+
+
+def figures_alone(path: Path) -> Result:
+    """The result of a run directory without its rows, which many runs are kept as. Raises FileError."""
+    return read_and_evaluated(path).without_rows
+
+
+def figures_again(borrower: Borrower) -> tuple[int, Result]:
+    """The place of a run that is read again, and its result, without its rows, with the noise of another. Raises
+    FileError."""
+    return borrower.place, result_of(load_measured(borrower.measured.path), borrower.noise).without_rows
 
 
 def evaluated_again(borrower: Borrower) -> tuple[int, Result]:

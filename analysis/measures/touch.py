@@ -20,7 +20,7 @@ import numpy as np
 from analysis.conventions.lost_poses import far_touches, left_out
 from analysis.geometry.sockets import socket_design
 from analysis.kinematics.arm import Array, Integers, forward
-from analysis.kinematics.turns import impossible_rad
+from analysis.kinematics.limits import impossible_rad
 from analysis.measures.checks import hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of

@@ -38,7 +38,13 @@ _KEPT_ROWS = 50_000
 def torques(arm: Arm, load: Load, q: Array) -> Array:
     """Torque of gravity on each joint of the controller, (n, axes) Nm, for angles q (n, axes) rad."""
     for known_arm, known_load, known_q, torque in _recent:
-        if known_q is q and known_arm is arm and _same(known_load, load):
+        if (
+            known_q is q
+            and known_arm is arm
+            and known_load.mass is load.mass
+            and known_load.centre is load.centre
+            and known_load.payload_kg == load.payload_kg
+        ):
             return torque
     torque = _torques(arm, load, q)
     if len(q) <= _KEPT_ROWS:
@@ -46,13 +52,13 @@ def torques(arm: Arm, load: Load, q: Array) -> Array:
     return torque
 
 
-def _same(one: Load, other: Load) -> bool:
-    return one.mass is other.mass and one.centre is other.centre and one.payload_kg == other.payload_kg
-
-
 def _torques(arm: Arm, load: Load, q: Array) -> Array:
     """From the last link back: what lies beyond a joint weighs on it by the horizontal part of its first moment."""
-    mass, centre = _with_payload(load)
+    # Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame.
+    mass, centre = load.mass.copy(), load.centre.copy()
+    mass[-1] += load.payload_kg
+    if mass[-1] > 0:
+        centre[-1] *= load.mass[-1] / mass[-1]
     per_theta = np.empty((arm.axes, len(q)))
     for block in blocks(len(q)):
         links = list(link_columns(arm, q[block]))
@@ -65,12 +71,3 @@ def _torques(arm: Arm, load: Load, q: Array) -> Array:
             per_theta[axis, block] = _G * (z[1] * across_x - z[0] * across_y)
     torque: Array = (arm.coupling.T @ per_theta / 1000.0).T
     return torque
-
-
-def _with_payload(load: Load) -> tuple[Array, Array]:
-    """Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame."""
-    mass, centre = load.mass.copy(), load.centre.copy()
-    mass[-1] += load.payload_kg
-    if mass[-1] > 0:
-        centre[-1] *= load.mass[-1] / mass[-1]
-    return mass, centre

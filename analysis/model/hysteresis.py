@@ -51,7 +51,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
     changes = np.append(np.flatnonzero(np.diff(x)), len(x) - 1)
-    found = []
+    reversals = []
     for k in np.flatnonzero(np.diff(direction)):
         # The follower moves again only after the play; the turn itself was at the extreme before that.
         between = slice(moving[k], moving[k + 1] + 1)
@@ -59,10 +59,10 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
         last = int(changes[np.searchsorted(changes, extreme)])
         # A joint may rest on after the robot has left its stand, while others turn.
         leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
-        left = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
-        when = float(t_s[left[-1]]) if len(left) else _vertex(t_s, x, extreme, last)
-        found.append((when, float(direction[k + 1])))
-    return found
+        ended = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
+        when = float(t_s[ended[-1]]) if len(ended) else _vertex(t_s, x, extreme, last)
+        reversals.append((when, float(direction[k + 1])))
+    return reversals
 
 
 def _vertex(t_s: Array, x: Array, extreme: int, last: int) -> float:

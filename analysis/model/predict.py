@@ -108,23 +108,15 @@ def path_of(model: Model, table: Table) -> Path:
         return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
     t_s = np.zeros(len(table.q)) if isinstance(table, PlaceTable) else table.t_s
     came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable | TouchTable) else None
-    return _standing(t_s, table.q, came_from)
-
-
-def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
-    """The robot stands before, at and after each reading; came_from (m, axes): where it was just before, where known.
-
-    A table without time is taken as visited steadily.
-    """
     steady = len(t_s) < 2 or np.diff(t_s).min() <= 0
-    t = _VISIT_S * np.arange(1.0, len(q) + 1) if steady else t_s
+    t = _VISIT_S * np.arange(1.0, len(table.q) + 1) if steady else t_s
     beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
-    places = [q] * 3 if came_from is None else [came_from, q, q, q]
+    places = [table.q] * 3 if came_from is None else [came_from, table.q, table.q, table.q]
     times = np.array([-0.3, 0.0, 0.3] if came_from is None else [-0.5, -0.3, 0.0, 0.3]) * beat
     count = len(places)
     path_t = (t[:, None] + times).ravel()
-    path_q = np.stack(places, axis=1).reshape(-1, q.shape[1])
-    return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
+    path_q = np.stack(places, axis=1).reshape(-1, table.q.shape[1])
+    return Path(Motion(path_t, path_q), count * np.arange(len(table.q)) + count - 2, stands=True)
 
 
 def _came_from(model: Model, table: RepeatabilityTable | TouchTable) -> Array | None:

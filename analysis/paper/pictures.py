@@ -165,14 +165,14 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 60))
         axes.margins(y=0.25)
-        own = [turn for turn in simulated.yaw["acw"].reversals if turn.name == name]
-        for turn in own:
+        turns = [turn for turn in simulated.yaw["acw"].reversals if turn.name == name]
+        for turn in turns:
             at = (turn.phi_deg, float(np.interp(turn.phi_deg, lap.phi_deg, q_deg)))
             axes.plot(*at, "s", ms=8, mfc="none", mec="black", mew=1.4, clip_on=False)
-            beside = {"xytext": (-7 if turn.phi_deg > 300 else 7, 9 if turn.upper else -14), "fontsize": 8}
+            style = {"xytext": (-7 if turn.phi_deg > 300 else 7, 9 if turn.upper else -14), "fontsize": 8}
             side = "right" if turn.phi_deg > 300 else "left"
-            axes.annotate(f"{turn.phi_deg:.1f}°", at, textcoords="offset points", ha=side, **beside)
-        if not own:
+            axes.annotate(f"{turn.phi_deg:.1f}°", at, textcoords="offset points", ha=side, **style)
+        if not turns:
             axes.text(0.5, 0.9, "does not turn back", transform=axes.transAxes, ha="center", fontsize=8, color=_GREY)
     for axes in panels[-2:]:
         axes.set_xlabel("circle angle φ / °")
@@ -223,9 +223,9 @@ def _radial(figure: FigureBase, result: Result) -> None:
     _draw_above(above, curve, error_mm, pulled_deg)
     around_deg = (curve.azimuth_deg - pulled_deg + 180) % 360 - 180
     for ring in np.unique(curve.polar_deg[curve.polar_deg > 0]):
-        here = np.flatnonzero(curve.polar_deg == ring)
-        here = here[np.argsort(around_deg[here])]
-        wave.plot(around_deg[here], error_mm[here], "o-", ms=4, lw=1.0, label=f"{ring:.0f}° from the axis")
+        ring_rows = np.flatnonzero(curve.polar_deg == ring)
+        ring_rows = ring_rows[np.argsort(around_deg[ring_rows])]
+        wave.plot(around_deg[ring_rows], error_mm[ring_rows], "o-", ms=4, lw=1.0, label=f"{ring:.0f}° from the axis")
     wave.axhline(0, color="black", lw=0.8)
     wave.set_xticks(range(-180, 181, 90))
     label_axes(wave, "azimuth from the side pulled to / °", "outside the nominal sphere / mm")
@@ -286,8 +286,8 @@ def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
     axes = figure.subplots()
     targets, place = np.unique(curve.target, return_inverse=True)
     for side, aside, ink, name in (("out", -0.12, "acw", "from outside"), ("in", 0.12, "cw", "from inside")):
-        here = curve.approach == side
-        axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=_INK[ink], label=name)
+        on_side = curve.approach == side
+        axes.plot(place[on_side] + aside, curve.reading_mm[on_side], "o", ms=4, color=_INK[ink], label=name)
     axes.set_xticks(range(len(targets)), [str(target) for target in targets])
     label_axes(axes, "target", "reading / mm")
     axes.legend(fontsize=8)

@@ -12,7 +12,6 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
 from analysis.paper import published as paper
 from analysis.paper.simulated_tests import FittedSphere, SimulatedLap, circle, repeats, sphere, step
-from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
 from rigs.schema.vocabulary import Direction
@@ -84,9 +83,9 @@ def eccentric(rig: Rig) -> Rig:
 def reversal_rows(rig: Rig) -> Iterator[Row]:
     """Table 1, from the set-up alone; no effect touches it."""
     names = [axis.name for axis in rig.robot.axes]
-    found = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
+    all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
-        turns = [turn for turn in found if turn.axis == axis]
+        turns = [turn for turn in all_turns if turn.axis == axis]
         theirs = paper.REVERSALS_DEG.get(name, ())
         if not theirs:
             text = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
@@ -110,23 +109,19 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
 def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
     """How far the residual jumps after each reversal, by plays alone: with them less without them."""
     sense = 1.0 if direction == "acw" else -1.0
-    without = circle(rig, "yaw", direction, _without_play(rig.effects))
+    without = circle(rig, "yaw", direction, tuple(effect for effect in rig.effects if not is_play(effect)))
     jumps = {}
     for turn in reversals(circle_of(rig), arm_of(rig.robot), rig.name):
         at = float(np.degrees(turn.phi))
         by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
         jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
-    here = f"Theta {paper.JUMP_AT_DEG:.0f}°"
+    jump_name = f"Theta {paper.JUMP_AT_DEG:.0f}°"
     ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
-    place = ranked.index(here) + 1 if here in ranked else 0
-    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != here][:2])
+    place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
+    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
     note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
-    ours = f"{jumps[here]:+.2f}°" if here in jumps else "none"
-    return Row("Fig. 8", f"yaw jumps at {here}, {direction}", "sudden change", ours, "", note)
-
-
-def _without_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    return tuple(effect for effect in effects if not is_play(effect))
+    ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
+    return Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:
@@ -151,7 +146,17 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
     )
     extremes = np.degrees(mean.phi[[np.argmax(y), np.argmin(y)]])
     for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
-        yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", _flat(mean, float(ours), place), 0, place=True)
+        at_theirs, at_ours = np.degrees(np.interp(np.radians([place, float(ours)]), mean.phi, mean.angle))
+        yield Row(
+            "Fig. 11",
+            f"roll {name} at",
+            place,
+            float(ours),
+            "°",
+            f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it",
+            0,
+            place=True,
+        )
 
 
 def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
@@ -159,11 +164,6 @@ def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
     phi = curves[0].phi
     y = np.mean([np.interp(phi, curve.phi, curve.angle) for curve in curves], axis=0)
     return SimulatedLap(phi, y, y, {})
-
-
-def _flat(curve: SimulatedLap, ours: float, place: float) -> str:
-    there, here = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
-    return f"at {place:.0f}° within {abs(there - here):.2f}° of it"
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:
@@ -189,18 +189,18 @@ def sphere_rows(rig: Rig) -> Iterator[Row]:
     )
 
 
-def _towards(ball: FittedSphere, other: FittedSphere | None = None) -> str:
+def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
     text = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
-    if other is None:
+    if measured is None:
         return text
-    cosine = ball.centre_mm @ other.centre_mm / (ball.shift_mm * other.shift_mm)
+    cosine = ball.centre_mm @ measured.centre_mm / (ball.shift_mm * measured.shift_mm)
     return f"{text}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
 
 
 def repeatability_rows(rig: Rig) -> Iterator[Row]:
     """Figure 15: means over simulated tests, and their spread."""
-    found = repeats(rig, rig.effects)
-    uni, bi = found["uni_mm"], found["bi_mm"]
+    figures = repeats(rig, rig.effects)
+    uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
     yield Row(
         "Fig. 15",

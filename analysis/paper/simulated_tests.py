@@ -96,8 +96,8 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
     """The radial test. Raises FileError where the robot cannot reach a target."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
-    found = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
-    return FittedSphere(found.free.radius, float(np.ptp(found.free.residual)), found.free.centre)
+    result = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
+    return FittedSphere(result.free.radius, float(np.ptp(result.free.residual)), result.free.centre)
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
@@ -106,19 +106,15 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, seed, effects, SCATTER)
         assert isinstance(table, RepeatabilityTable)  # noqa: S101 - by the test's name
-        readings.append(_by_side(table))
+        # Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order.
+        targets = len(np.unique(table.target))
+        sides = [table.g_mm[table.approach == side].reshape(targets, -1) for side in repeatability.SIDES]
+        readings.append(np.stack(sides, axis=1))
     figures = repeatability.plain_figures(np.array(readings))
     return {name: figures[name] for name in ("uni_mm", "bi_mm")}
 
 
-def typical_seed(found: dict[str, Array]) -> int:
+def typical_seed(figures: dict[str, Array]) -> int:
     """The number of the test, of figures (seeds,) in mm, that lies nearest to the mean of all, each by its spread."""
-    off = [(values - values.mean()) / (values.std() or 1.0) for values in found.values()]
+    off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))
-
-
-def _by_side(table: RepeatabilityTable) -> Array:
-    """Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order."""
-    targets = len(np.unique(table.target))
-    sides = [table.g_mm[table.approach == side].reshape(targets, -1) for side in repeatability.SIDES]
-    return np.stack(sides, axis=1)

@@ -65,7 +65,9 @@ class ActWords:
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
-        own = [one for one in act.against if not (one.why == "no_place" and act.test is None)]  # its own words say that
+        own = [
+            one for one in act.against if not (act.kind == "measure" and act.test is None and one.why == "no_place")
+        ]  # its own words say that
         return "; ".join(self._against(act, one) for one in own)
 
     def members(self, members: Sequence[Member]) -> str:

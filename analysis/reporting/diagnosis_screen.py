@@ -18,6 +18,7 @@ from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
 from analysis.reporting.diagnosis_words import (
     beside_size,
+    beside_u,
     closed,
     percent,
     runs_of,
@@ -90,11 +91,10 @@ def _budget(found: Diagnosis) -> list[RenderableType]:
     table = _plain_table("part", "µm rms", "share", "× usual", "class", right=("µm rms", "share", "× usual"))
     words, (large, small) = AnswerWords(found), shown_parts(found)
     for one in large:
-        um = f"{_number(one.um)} ± {_number(one.u_um)}" if one.u_um > 0 else _number(one.um)
         name = ", ".join(filter(None, [words.part_name(one), words.size_of(one)]))
         times = f"{one.times_usual:.1f}" if one.times_usual is not None else ""
         style = "bold" if one.rank == "unusual" else ""
-        table.add_row(name, um, percent(one.share), times, words.rank_of(one), style=style)
+        table.add_row(name, beside_u(one.um, one.u_um), percent(one.share), times, words.rank_of(one), style=style)
     if small:
         share = sum(one.share for one in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")

@@ -84,6 +84,15 @@ def micrometres(um: float) -> str:
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
 
 
+def beside_u(um: float, u_um: float) -> str:
+    """The figure of a column in µm ± its standard uncertainty, to a tenth; "< u" where it is far smaller than that."""
+    if not math.isfinite(um):
+        return "–"
+    if um < _BY_FAR * u_um:
+        return f"< {u_um:.1f}"
+    return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
+
+
 def within(um: float, u_um: float) -> str:
     """A size in µm ± its standard uncertainty; one that is smaller than that by far as less than it."""
     if not math.isfinite(um):

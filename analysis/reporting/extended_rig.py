@@ -10,12 +10,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from analysis.files.existing import refuse_existing
-from analysis.files.write import Writer, holding, write_all_new
+from analysis.files.write import Writer, holding, refuse_existing, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
-from rigs.extend import extended
 
 
 def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from analysis.files.existing import refuse_foreign
+from analysis.files.write import refuse_foreign
 from daq.store import durable
 from rigs.errors import FileError, UseError
 from rigs.text import plain_lines

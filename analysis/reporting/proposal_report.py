@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.files.existing import refuse_existing
+from analysis.files.write import refuse_existing
 from analysis.inference.plan import Judgement
 from analysis.inference.proposal import SET_UP_MIN, Proposal, ProposedCircle
 from analysis.reporting.plan_report import noise_in_words

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.arm import Array
 from analysis.kinematics.follow import follow
 from analysis.robot_programs.plan import Arc, Comment, JointMove, Line, Move, Plan, Step, Target, Turn, end_of, in_base
 from analysis.robot_programs.ways import Way, around, rotation_vector, straight, turned
@@ -37,7 +37,12 @@ def targets_of(plan: Plan) -> list[Target]:
 
 def reached(plan: Plan) -> list[Target]:
     """Return the targets of a plan each time that the program reaches them."""
-    return [target for step in plan.steps if isinstance(step, Move) for target in _reached_by(step)]
+    return [
+        target
+        for step in plan.steps
+        if isinstance(step, Move)
+        for target in ((step.via, step.end) if isinstance(step, Arc) else (step.target,))
+    ]
 
 
 def table_of(plans: Sequence[Plan]) -> str:
@@ -72,26 +77,26 @@ def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[i
     ]
 
 
-def _reached_by(move: Move) -> tuple[Target, ...]:
-    return (move.via, move.end) if isinstance(move, Arc) else (move.target,)
-
-
 def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], where: str) -> Plan:
     old = targets_of(plan)
     farthest = _hold_near(old, targets, lines, where)
-    _hold_limits(plan.arm, targets, lines, where)
-    new = {id(one): other for one, other in zip(old, targets, strict=True)}
+    for line, target in zip(lines, targets, strict=True):
+        for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
+            at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
+            what = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
+            raise FileError(f"{where}, line {line}", what, "move the test away from the limit")
+    new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
-    known: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
+    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
     at = old[0]
     for step in plan.steps:
         if not isinstance(step, Move):
             steps.append(step)
             continue
         key = id(at), id(step)
-        if key not in known:
-            known[key] = tuple(_moved(plan, step, new[id(at)], new))
-        steps += known[key]
+        if key not in moved_by_ends:
+            moved_by_ends[key] = tuple(_moved(plan, step, new[id(at)], new))
+        steps += moved_by_ends[key]
         at = end_of(step)
     return replace(plan, steps=tuple(steps))
 
@@ -110,10 +115,10 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
             q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
-            there = Target(T, q[-1])
-            yield replace(step, target=there, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
+            turned_target = Target(T, q[-1])
+            yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
             if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
-                yield _line(plan, there, end, _AFTER_TURN_MM_S)
+                yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
         case Line(target, speed_mm_s):
             end = new[id(target)]
             on_the_spot = end is begin  # the line to the start, for a controller that is elsewhere at its joint angles
@@ -134,14 +139,6 @@ def _followed(plan: Plan, way: Way, begin: Target) -> Array:
     for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
         raise FileError(where, f"axis {axis + 1} is too slow for its path", "move the test away from the singularity")
     return q
-
-
-def _hold_limits(arm: Arm, targets: Sequence[Target], lines: Sequence[int], where: str) -> None:
-    for line, target in zip(lines, targets, strict=True):
-        for axis in np.flatnonzero((target.q < arm.limits[:, 0]) | (target.q > arm.limits[:, 1])):
-            at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(arm.limits[axis])
-            what = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
-            raise FileError(f"{where}, line {line}", what, "move the test away from the limit")
 
 
 def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence[int], where: str) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.arm import Arm
 from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.fanuc_feed import feed
 from analysis.robot_programs.heading import heading
@@ -61,8 +61,8 @@ def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
 
 def _numbered(number: int, line: str) -> str:
     """An instruction with its number; a second line of it (the end of an arc) has none."""
-    first, *more = line.split("\n")
-    return "\n".join([f"{number:4d}:{first}", *(f"    :{one}" for one in more)]) + " ;"
+    first, *continued = line.split("\n")
+    return "\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;"
 
 
 def _frames(arm: Arm) -> list[str]:
@@ -102,7 +102,10 @@ def _lines(plan: Plan, step: Step, positions: dict[str, int]) -> list[str]:
 def _move(arm: Arm, step: Move, positions: dict[str, int]) -> str:
     match step:
         case JointMove(target, speed_rad_s):
-            number = _number(_joints(target.q), positions)
+            angles = [
+                f"J{axis}= {fixed(angle, DEG_DECIMALS)} deg" for axis, angle in enumerate(np.degrees(target.q), start=1)
+            ]
+            number = _number(f"\tUF : 0, UT : {TOOL_NUMBER},\n{_two_rows(angles)}", positions)
             return f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"
         case Line(target, speed_mm_s, stops):
             number = _number(_cartesian(arm, target), positions)
@@ -122,11 +125,6 @@ def _number(text: str, positions: dict[str, int]) -> int:
 
 def _plain(value: float) -> str:
     return fixed(value, 1).removesuffix(".0")
-
-
-def _joints(q: Array) -> str:
-    angles = [f"J{axis}= {fixed(angle, DEG_DECIMALS)} deg" for axis, angle in enumerate(np.degrees(q), start=1)]
-    return f"\tUF : 0, UT : {TOOL_NUMBER},\n{_two_rows(angles)}"
 
 
 def _cartesian(arm: Arm, target: Target) -> str:

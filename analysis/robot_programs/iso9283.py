@@ -10,7 +10,7 @@ import numpy as np
 from analysis.geometry.iso_cube import ORDER, Cube, cube_of, cycle_stops, iso9283_of
 from analysis.geometry.iso_paths import STAND_S, CommandPath, Polygon, Ring, in_order, joints_along
 from analysis.geometry.programs import fastest_joints
-from analysis.kinematics.arm import Arm, Array, arm_of
+from analysis.kinematics.arm import Arm, arm_of
 from analysis.robot_programs.plan import Arc, Comment, Dwell, Hold, JointMove, Line, Move, Plan, Step
 from analysis.robot_programs.poses import poses_plan, targets_at, tracker_plan
 from rigs.errors import PathError, RigPlace
@@ -59,16 +59,14 @@ def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) ->
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):
         s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))
         q = joints_along(arm, cube, path, s, where)
-        _hold_speed(arm, s / speed, q, where)
+        for axis in np.flatnonzero(fastest_joints(s / speed, q) > arm.speed):
+            what = (
+                f"axis {axis + 1} would have to move faster than {np.degrees(arm.speed[axis]):.0f}°/s, which it cannot"
+            )
+            raise PathError(where, what, "lower path_speed_mm_s", "speed")
         stops = number == len(ends) - 1
         middle, last = targets_at(arm, q[[len(q) // 2, -1]])
         moves.append(
             Arc(middle, last, speed, stops=stops, q=q) if isinstance(path, Ring) else Line(last, speed, stops, q=q)
         )
     return moves
-
-
-def _hold_speed(arm: Arm, t_s: Array, q: Array, where: str) -> None:
-    for axis in np.flatnonzero(fastest_joints(t_s, q) > arm.speed):
-        what = f"axis {axis + 1} would have to move faster than {np.degrees(arm.speed[axis]):.0f}°/s, which it cannot"
-        raise PathError(where, what, "lower path_speed_mm_s", "speed")

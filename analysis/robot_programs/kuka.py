@@ -62,13 +62,13 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
 
 def _without_repeats(lines: list[str]) -> list[str]:
     """The same without settings of system variables to what they are; outputs are switched each time."""
-    kept, known = list[str](), dict[str, str]()
+    kept, assigned_values = list[str](), dict[str, str]()
     for line in lines:
         name, assigned, value = line.partition(" = ")
         if assigned and name.startswith("$") and not name.startswith("$OUT"):
-            if known.get(name) == value:
+            if assigned_values.get(name) == value:
                 continue
-            known[name] = value
+            assigned_values[name] = value
         kept.append(line)
     return kept
 

@@ -96,24 +96,20 @@ def _planned(
     arc_deg: float,
 ) -> Plan:
     if direction is not None:
-        return _circle(rig, test, direction, outputs, arc_deg)
+        circle, arm = circle_of(rig), arm_of(rig.robot)
+        t_s, phi = lap(circle, direction)
+        q = circle_program(rig, direction).q[: len(t_s)]
+        factor = way_back(arm, fastest_joints(t_s, q))
+        pieces = _pieces(rig, phi, q, arc_deg)
+        lap_arcs = _arcs(pieces, circle.speed_mm_s)
+        reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
+        back = _arcs(reverse, factor * circle.speed_mm_s)
+        laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *lap_arcs]
+        for number in range(2, circle.laps + 1):
+            laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
+            laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
+        return _plan(rig, test, direction, outputs, pieces[0][0], laps)
     return _radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)
-
-
-def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> Plan:
-    circle, arm = circle_of(rig), arm_of(rig.robot)
-    t_s, phi = lap(circle, direction)
-    q = circle_program(rig, direction).q[: len(t_s)]
-    factor = way_back(arm, fastest_joints(t_s, q))
-    pieces = _pieces(rig, phi, q, arc_deg)
-    there = _arcs(pieces, circle.speed_mm_s)
-    reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
-    back = _arcs(reverse, factor * circle.speed_mm_s)
-    laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *there]
-    for number in range(2, circle.laps + 1):
-        laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
-        laps += [Comment(f"lap {number} of {circle.laps}"), *there]
-    return _plan(rig, test, direction, outputs, pieces[0][0], laps)
 
 
 def _pieces(rig: Rig, phi: Array, q: Array, arc_deg: float) -> list[_Piece]:
@@ -143,11 +139,11 @@ def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     arm, centre, radius = _sphere(rig)
     targets = targets_at(arm, radial_stops(rig))
     steps: list[Step] = [Dwell(dwell_s)]
-    at, known = targets[0], dict[bytes, tuple[list[Step], Target]]()
+    at, ways = targets[0], dict[bytes, tuple[list[Step], Target]]()
     for target in targets[1:]:
         # Every visit goes the same ways.
         key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
-        way, at = known[key] = known.get(key) or over_sphere(arm, at, target, centre, radius)
+        way, at = ways[key] = ways.get(key) or over_sphere(arm, at, target, centre, radius)
         steps += [*way, Dwell(dwell_s)]
     return _plan(rig, "radial", None, outputs, targets[0], steps)
 
@@ -163,9 +159,9 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
         way, at = over_sphere(arm, at, target, centre, radius)
         steps += [Comment(f"target {number}"), *way, Dwell(dwell_s)]
         for aside, again in zip(around[::2], around[1::2], strict=True):
-            there, at = _line(rig, at, aside)
+            away, at = _line(rig, at, aside)
             back, at = _line(rig, at, again)
-            steps += [there, back, Dwell(dwell_s)]
+            steps += [away, back, Dwell(dwell_s)]
     return _plan(rig, "repeatability", None, outputs, first, steps)
 
 

@@ -69,11 +69,11 @@ def programs_of(maker: Maker, plans: Sequence[tuple[Plan, Demand]]) -> dict[str,
     """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
     be one program, and for an output that the controller does not have."""
     files: dict[str, str] = {}
-    known = DIALECTS[maker].outputs
+    outputs = DIALECTS[maker].outputs
     for plan, demand in plans:
-        if unknown := [number for number in plan.signal_place.outputs if number not in known]:
+        if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
             what = f"a controller of {maker} has no digital output {unknown[0]}"
-            raise FileError(plan.name, what, f"give --outputs from {known.start} to {known.stop - 1}")
+            raise FileError(plan.name, what, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
         for name, text in DIALECTS[maker].write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 raise FileError(name, "would hold two programs", "give the rig file a shorter name")

@@ -43,54 +43,54 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 
     rig, text = load(rig_file)
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
-    found = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
-    written = write(found, text, directory)
-    words, acts = AnswerWords(found), ActWords(found)
-    faults = [part_of(found, one) for one in found.standing]
+    diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
+    written = write(diagnosis, text, directory)
+    words, acts = AnswerWords(diagnosis), ActWords(diagnosis)
+    faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [
         PartOfError(
-            part=words.short_name(one),
-            kind=one.kind,
-            size=words.size_of(one),
-            share=round(one.share, 4),
-            um=round(one.um, 2),
-            fault=one in faults,
+            part=words.short_name(entry),
+            kind=entry.kind,
+            size=words.size_of(entry),
+            share=round(entry.share, 4),
+            um=round(entry.um, 2),
+            fault=entry in faults,
         )
-        for one in found.budget[:_SHOWN]
+        for entry in diagnosis.budget[:_SHOWN]
     ]
     model = next((path for path in written if path.suffix == ".yaml"), None)
     return Answer(
         runs=len(used),
         judges=len(judges),
-        condition=found.condition,
-        standing=found.accuracy.standing,
+        condition=diagnosis.condition,
+        standing=diagnosis.accuracy.standing,
         headline=words.headline,
         accuracy=f"{words.accuracy} {words.judged}",
         next_step=acts.next,
         parts=tuple(parts),
-        remedies=tuple(acts.sentence(one) for one in found.acts[1:]),
-        acts=tuple(Deed(kind=one.kind, why=one.why, words=acts.sentence(one)) for one in found.acts),
-        next_test=_next_test(found),
-        ground=ground_of(found.calibrated) if found.calibrated else "",
-        runs_to_decide=found.runs_to_decide,
-        now_um=found.accuracy.now_um,
-        calibrated_um=found.accuracy.calibrated_um,
-        before_there_um=found.accuracy.before_there_um,
-        level=found.level,
-        noise_um=found.train.noise_floor_um,
-        seconds=round(found.seconds, 1),
+        remedies=tuple(acts.sentence(act) for act in diagnosis.acts[1:]),
+        acts=tuple(Deed(kind=act.kind, why=act.why, words=acts.sentence(act)) for act in diagnosis.acts),
+        next_test=_next_test(diagnosis),
+        ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
+        runs_to_decide=diagnosis.runs_to_decide,
+        now_um=diagnosis.accuracy.now_um,
+        calibrated_um=diagnosis.accuracy.calibrated_um,
+        before_there_um=diagnosis.accuracy.before_there_um,
+        level=diagnosis.level,
+        noise_um=diagnosis.train.noise_floor_um,
+        seconds=round(diagnosis.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
     )
 
 
-def _next_test(found: Diagnosis) -> str:
+def _next_test(diagnosis: Diagnosis) -> str:
     """The test that would separate rivals, or name a group, as `rig plan` calls it; empty where none is to be
     driven."""
     from analysis.inference.naming_tests import JOINED  # noqa: PLC0415 - slow to import
 
-    driven = (act.test.test for act in found.acts if act.test and act.test.test != JOINED)
-    return next(driven, found.next_test.test if found.next_test else "")
+    driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
+    return next(driven, diagnosis.next_test.test if diagnosis.next_test else "")
 
 
 def main() -> None:
@@ -101,8 +101,8 @@ def main() -> None:
     directory = Path(request["directory"])
     try:
         answer = infer(
-            [Path(one) for one in request["used"]],
-            [Path(one) for one in request["judges"]],
+            [Path(path) for path in request["used"]],
+            [Path(path) for path in request["judges"]],
             Path(request["rig_file"]),
             directory,
         )
@@ -173,7 +173,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathErr
     if not measured:
         return None
     # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
-    every = np.concatenate([one.residuals_mm.ravel() for one in compare(measured, measured[0].rig).runs])
+    every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
     return PathError(
         um=round(float(1e3 * np.sqrt(np.mean(every**2))), 2),
         largest_um=round(float(1e3 * np.abs(every).max()), 2),

@@ -199,8 +199,8 @@ def _hold_unserved(rig_name: str) -> None:
         except CellError:
             return
         if clock.now_s() > until_s:
-            what = f"a rigd serves {rig_name} already ({serving}), and a session starts its own"
-            raise CellError("rigd", what, "stop that one first; as a service: sudo systemctl stop rigd@NAME")
+            problem = f"a rigd serves {rig_name} already ({serving}), and a session starts its own"
+            raise CellError("rigd", problem, "stop that one first; as a service: sudo systemctl stop rigd@NAME")
         clock.sleep(LOOK_S)
 
 
@@ -244,7 +244,9 @@ class LiveDriver:
         assert self._rigd is not None  # noqa: S101 - a stage was set up
         watch = Watch(self._ways, step.program, self._ended)
         by: DrivenWith = "entries" if self.entered else ""
-        programs = {name: replace(one, corrected=one.corrected or by) for name, one in self._programs.items()}
+        programs = {
+            name: replace(program, corrected=program.corrected or by) for name, program in self._programs.items()
+        }
         drive = _Drive(self._rigd, self._hands, self._screen, programs, watch, step, wait)
         self._ended = ""
         run = drive.run(self._operator, self._wait_s, self._directory / "runs")
@@ -293,8 +295,8 @@ class _Drive:
             while True:
                 self._wait()
                 self._hands.look()
-                if (found := self._rigd.joints()) is not None:
-                    done = self._seen(self._watch.feed(*found), operator)
+                if (reading := self._rigd.joints()) is not None:
+                    done = self._seen(self._watch.feed(*reading), operator)
                     if done is not None:
                         return self._judged(done, runs)
                 now_s = clock.now_s()
@@ -304,7 +306,8 @@ class _Drive:
                     raise self._never()
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
-                    self._tell_silent()
+                    for name in self._rigd.silent():
+                        self._tell(f"{name} sends no readings: check its cable; see rig doctor")
                     if not self._recording:
                         self._screen.show(f"  waiting for {self._step.program}: {(until_s - now_s) / 60:.0f} min left")
                 clock.sleep(LOOK_S)
@@ -339,25 +342,25 @@ class _Drive:
         """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
         if clock.now_s() < self._try_again_s:
             return
-        one = self._programs[program]
+        driven = self._programs[program]
         if program != self._step.program:
             self._tell(f"this is {program}, not {self._step.program}: it is recorded as what it is")
         try:
             self._rigd.ask(
                 "record_start",
                 name=program,
-                test=one.test,
-                direction=one.direction,
+                test=driven.test,
+                direction=driven.direction,
                 operator=operator,
-                placement=one.stage,
-                corrected=one.corrected,
+                placement=driven.stage,
+                corrected=driven.corrected,
             )
         except RigError as error:
             self._tell(f"nothing is recorded: {error}")
             self._try_again_s = clock.now_s() + _AGAIN_S
             return
         self._recording = program
-        self._hands.go_on(one)
+        self._hands.go_on(driven)
 
     def _judged(self, done: tuple[str, str], runs: Path) -> Run:
         """End the recording, and say whether it can be used."""
@@ -377,10 +380,6 @@ class _Drive:
             self._told.add(line)
             self._screen.say(line)
 
-    def _tell_silent(self) -> None:
-        for name in self._rigd.silent():
-            self._tell(f"{name} sends no readings: check its cable; see rig doctor")
-
     def _never(self) -> CellError:
         silent = self._rigd.silent()
         if silent:
@@ -391,12 +390,12 @@ class _Drive:
 
 def _faults(counters: Mapping[str, Mapping[str, int]]) -> str:
     """Faults of each stream in words."""
-    found = []
+    reports = []
     for stream, counted in counters.items():
         faults = [f"{count} {kind}" for kind, count in counted.items() if kind != "samples"]
         if faults:
-            found.append(f"{stream}: {', '.join(faults)}")
-    return "; ".join(found)
+            reports.append(f"{stream}: {', '.join(faults)}")
+    return "; ".join(reports)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -80,92 +80,97 @@ def corrected(
     runs: tuple[Sequence[Path], Sequence[Path]],
     steps: Sequence[Step],
     directory: Path,
-    wanted: Way | None = None,
+    chosen_way: Way | None = None,
 ) -> Corrected:
     """Return the correction by a model that a session found, with its files in a directory, in place of an older one's.
 
     runs: on the circle of the rig, by which it is judged, and at the other place; steps: those that are driven after
-    it; wanted: the way that a person chose. Raises FileError and CellError.
+    it; chosen_way: what a person chose. Raises FileError and CellError.
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
-    found = correct_rig(model, None, session.maker)
-    correction_report.write(found, directory)
-    entries = found.at_controller
+    correction = correct_rig(model, None, session.maker)
+    correction_report.write(correction, directory)
+    entries = correction.at_controller
     assert entries is not None  # noqa: S101 - a maker was given
-    here, there = ([load_measured(path) for path in paths] for paths in runs)
-    targets = (*used_effects(model, found.effects), *known_plays(model))
-    now_um, by_entries_um, at_targets_um = (_left_um(here, rig, held) for held in ((), entries.effects, targets))
+    on_circle, other_place = ([load_measured(path) for path in paths] for paths in runs)
+    targets = (*used_effects(model, correction.effects), *known_plays(model))
+    now_um, by_entries_um, at_targets_um = (
+        _left_um(on_circle, rig, effects) for effects in ((), entries.effects, targets)
+    )
     try:
         main = _of_test(rig, model, session.stages[0], "yaw")
         between_um = _between_targets_um(rig, model, session.stages[0], main)
     except FileError:
-        if wanted == "programs":
+        if chosen_way == "programs":
             raise
         between_um = float("inf")
-    left = Left(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
-    way = wanted or way_of(left, entries)
-    work = found.work
+    remaining = Left(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
+    way = chosen_way or way_of(remaining, entries)
+    work = correction.work
     if way == "none":
-        sentence = (
-            f"No numbers take away much of the error of {left.now_um:.0f} µm rms: its cause is repaired at the arm."
-        )
-        return Corrected(_correction(way, sentence, left.now_um), {})
-    known = pose_uncertainty(model, found.effects)
+        error = f"{remaining.now_um:.0f} µm rms"
+        sentence = f"No numbers take away much of the error of {error}: its cause is repaired at the arm."
+        return Corrected(_correction(way, sentence, remaining.now_um), {})
+    pose_u = pose_uncertainty(model, correction.effects)
     by = entries.effects if way == "entries" else targets
     beside_um = 0.0 if way == "entries" else between_um
     after_um = entries.after_um if way == "entries" else work.after_um
     expected = {
-        "same": _expected(model, known, here, float(np.hypot(_left_um(here, rig, by), beside_um))),
-        "elsewhere": _expected(model, known, there, float(np.hypot(_left_um(there, there[0].rig, by), beside_um)))
-        if there
+        "same": _expected(model, pose_u, on_circle, float(np.hypot(_left_um(on_circle, rig, by), beside_um))),
+        "elsewhere": _expected(
+            model, pose_u, other_place, float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
+        )
+        if other_place
         else None,
         "work": Work(before_um=round(work.before_um, 1), after_um=round(after_um, 1), u_um=round(work.u_um, 1)),
     }
     if way == "entries":
-        falls = _falls(left, left.by_entries_um)
+        falls = _falls(remaining, remaining.by_entries_um)
         sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
-        return Corrected(_correction(way, sentence, left.now_um, left.by_entries_um, **expected), {})
+        return Corrected(_correction(way, sentence, remaining.now_um, remaining.by_entries_um, **expected), {})
     programs = corrected_programs(rig, model, session.stages, steps)
-    sentence = f"Load the corrected programs: the readings' error is {_falls(left, left.by_targets_um)}."
-    return Corrected(_correction(way, sentence, left.now_um, left.by_targets_um, **expected), programs)
+    sentence = f"Load the corrected programs: the readings' error is {_falls(remaining, remaining.by_targets_um)}."
+    return Corrected(_correction(way, sentence, remaining.now_um, remaining.by_targets_um, **expected), programs)
 
 
-def _expected(model: Rig, known: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
+def _expected(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
     """Return what a correction leaves on runs, with the uncertainty of the model in a reading there, a coordinate of
     the tool's place with the frame taught on the circle."""
-    q = np.concatenate([one.table.q[:: -(-len(one.table.q) // _POSES)] for one in runs])
-    u_mm = frame_u_mm(model, known, q, q) / np.sqrt(3)
+    q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
+    u_mm = frame_u_mm(model, pose_u, q, q) / np.sqrt(3)
     return Expected(um=round(left_um, 1), u_um=round(1e3 * float(np.sqrt(np.mean(u_mm**2))), 1))
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
     """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
-    known = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
-    every = np.concatenate([one.residuals_mm.ravel() for one in compare(runs, known).runs])
+    modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
+    every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * float(np.sqrt(np.mean(every**2)))
 
 
-def _falls(left: Left, after_um: float) -> str:
-    return f"expected to fall from {left.now_um:.0f} to {after_um:.0f} µm rms"
+def _falls(remaining: Left, after_um: float) -> str:
+    return f"expected to fall from {remaining.now_um:.0f} to {after_um:.0f} µm rms"
 
 
-def _correction(way: Way, sentence: str, before_um: float, expected_um: float | None = None, **more: Any) -> Correction:
+def _correction(
+    way: Way, sentence: str, before_um: float, expected_um: float | None = None, **fields: Any
+) -> Correction:
     return Correction(
         way=way,
         sentence=sentence,
         before_um=round(before_um, 1),
         expected_um=round(before_um if expected_um is None else expected_um, 1),
         directory=CORRECTIONS,
-        **more,
+        **fields,
     )
 
 
-def way_of(left: Left, entries: ControllerEntries) -> Way:
+def way_of(remaining: Left, entries: ControllerEntries) -> Way:
     """Return how a robot is best corrected."""
-    by_targets_um = left.now_um - left.by_targets_um
-    by_entries_um = left.now_um - left.by_entries_um if entries.entries else 0.0
-    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * left.now_um):
+    by_targets_um = remaining.now_um - remaining.by_targets_um
+    by_entries_um = remaining.now_um - remaining.by_entries_um if entries.entries else 0.0
+    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * remaining.now_um):
         return "none"
     return "entries" if by_entries_um >= _NEARLY * by_targets_um else "programs"
 
@@ -178,40 +183,40 @@ def entries_file(directory: Path) -> Path:
 def reading_deg(directory: Path) -> tuple[float, ...]:
     """Return how much more each joint (6,) reads, in degrees, once the values of a correction are entered."""
     data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
-    more = [0.0] * 6
+    added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
-        more[entry["axis"] - 1] += entry["reading_deg"]
-    return tuple(more)
+        added_deg[entry["axis"] - 1] += entry["reading_deg"]
+    return tuple(added_deg)
 
 
 def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
     """Return corrected programs in place of those of some steps, by the names of those. Raises FileError where a target
     cannot be corrected."""
-    found: dict[str, Program] = {}
+    programs: dict[str, Program] = {}
     for stage in stages:
-        own = [step for step in steps if step.stage == stage.name]
-        for test in dict.fromkeys(step.test for step in own):
-            new = {one.direction: one for one in _of_test(rig, model, stage, test)}
-            for step in own:
-                if step.test == test and step.program not in found:
-                    found[step.program] = named_as(new[step.direction], f"{step.program}{FIXED}")
-    return found
+        stage_steps = [step for step in steps if step.stage == stage.name]
+        for test in dict.fromkeys(step.test for step in stage_steps):
+            new = {program.direction: program for program in _of_test(rig, model, stage, test)}
+            for step in stage_steps:
+                if step.test == test and step.program not in programs:
+                    programs[step.program] = named_as(new[step.direction], f"{step.program}{FIXED}")
+    return programs
 
 
 def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Program]:
     programs = programs_for(rig, stage, test, arc_deg=_ARC_DEG)
     moved = stage_rig(rig, stage).modelled_as(model)
-    targets = [targets_of(one.plan) for one in programs]
-    q = np.array([target.q for own in targets for target in own])
-    ahead = np.concatenate([ahead_of_plays(moved, one.plan) for one in programs])
-    angles, _, left = corrected_angles(moved, supports(model), q)
+    targets = [targets_of(program.plan) for program in programs]
+    q = np.array([target.q for of_program in targets for target in of_program])
+    ahead = np.concatenate([ahead_of_plays(moved, program.plan) for program in programs])
+    angles, _, failures = corrected_angles(moved, supports(model), q)
     where = f"the corrected programs of the stage {stage.name}"
-    if left:
-        raise FileError(where, f"{len(left)} targets cannot be corrected: {left[0].what}", _ENTER)
+    if failures:
+        raise FileError(where, f"{len(failures)} targets cannot be corrected: {failures[0].what}", _ENTER)
     angles = angles + ahead
     poses = forward(arm_of(moved.robot), angles)
-    plans = compensated([one.plan for one in programs], angles, poses, range(1, len(q) + 1), where)
-    return [replace(one, plan=plan, corrected="targets") for one, plan in zip(programs, plans, strict=True)]
+    plans = compensated([program.plan for program in programs], angles, poses, range(1, len(q) + 1), where)
+    return [replace(program, plan=plan, corrected="targets") for program, plan in zip(programs, plans, strict=True)]
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:

@@ -36,7 +36,19 @@ from analysis.session.plan import (
     stage_text,
     write_programs,
 )
-from analysis.session.state import MOST_TRIES, Answer, Place, Purpose, Session, Stage, Step, Try, Verified, Way
+from analysis.session.state import (
+    MOST_TRIES,
+    Answer,
+    Correction,
+    Place,
+    Purpose,
+    Session,
+    Stage,
+    Step,
+    Try,
+    Verified,
+    Way,
+)
 from analysis.session.words import Words
 from daq import clock
 from daq.store import load_manifest, read_run
@@ -73,12 +85,12 @@ class Guide:
         screen: Screen,
         pace: Pace,
         *,
-        wanted: Way | None = None,
+        chosen_way: Way | None = None,
         start_inference: StartInference = Inference.start,
     ) -> None:
-        """wanted: the way of the correction that a person chose."""
+        """chosen_way: the way of the correction that a person chose."""
         self._place, self.session, self._driver, self._screen, self._pace = place, session, driver, screen, pace
-        self._wanted, self._start_inference = wanted, start_inference
+        self._chosen_way, self._start_inference = chosen_way, start_inference
         self._rig, self._text = load(session.rig_file)
         self._words = Words(place.directory, screen)
         self._inference: Infers | None = None
@@ -122,12 +134,14 @@ class Guide:
 
     def _adopt(self) -> None:
         """Take runs that were recorded for open steps just before the session was cut off; leave all others alone."""
-        known = {one.run for step in self.session.steps for one in step.tries} | set(self.session.left_alone)
-        there = (
+        run_names = {attempt.run for step in self.session.steps for attempt in step.tries} | set(
+            self.session.left_alone
+        )
+        directories = (
             sorted(path for path in self._place.runs.glob("*") if path.is_dir()) if self._place.runs.is_dir() else []
         )
-        for path in there:
-            if path.name in known or not is_run(path):
+        for path in directories:
+            if path.name in run_names or not is_run(path):
                 continue
             number = self._step_of(path)
             if number is None:
@@ -152,26 +166,25 @@ class Guide:
 
     def _is_copy(self, path: Path) -> bool:
         """Whether a run holds the readings of one that a step has: somebody copied it."""
-        own = [self._run(step) for step in self.session.steps if step.run]
+        driven = [self._run(step) for step in self.session.steps if step.run]
         readings = read_run(path).readings_sha256
-        return any(read_run(run).readings_sha256 == readings for run in own if is_run(run))
+        return any(read_run(run).readings_sha256 == readings for run in driven if is_run(run))
 
     def _number_of(self, program: str, purpose: Purpose) -> int | None:
         """Return the number of the first open step of a program with a purpose."""
         steps = enumerate(self.session.steps)
-        return next((k for k, one in steps if one.program == program and one.purpose == purpose and one.is_open), None)
+        return next(
+            (k for k, step in steps if step.program == program and step.purpose == purpose and step.is_open), None
+        )
 
     def _write_programs(self, stages: Sequence[Stage]) -> None:
         """Write the rig files and programs of stages; those that are there are the same."""
         for stage in stages:
             programs = list(self._programs(stage).values())
             write_programs(self.session.maker, programs, self._place.directory / "programs" / stage.name)
-            self._write_cell(stage)
-
-    def _write_cell(self, stage: Stage) -> None:
-        files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
-        cells = self._place.directory / "cells"
-        write_all_over(cells, {name: holding(content) for name, content in files.items()})
+            files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
+            cells = self._place.directory / "cells"
+            write_all_over(cells, {name: holding(content) for name, content in files.items()})
 
     def _nominal_steps(self) -> list[Step]:
         return [step for step in self.session.steps if not step.program.endswith(FIXED)]
@@ -179,14 +192,13 @@ class Guide:
     def _programs(self, stage: Stage) -> dict[str, Program]:
         """The programs that may be driven at a stage now."""
         if stage.name not in self._known:
-            self._known[stage.name] = self._made_programs(stage)
+            steps = [step for step in self._nominal_steps() if step.stage == stage.name]
+            programs = programs_of_steps(self._rig, [stage], steps)
+            corrected = self._corrected_programs() if self.session.correction else {}
+            self._known[stage.name] = programs | {
+                program.name: program for program in corrected.values() if program.stage == stage.name
+            }
         return self._known[stage.name]
-
-    def _made_programs(self, stage: Stage) -> dict[str, Program]:
-        steps = [step for step in self._nominal_steps() if step.stage == stage.name]
-        programs = programs_of_steps(self._rig, [stage], steps)
-        corrected = self._corrected_programs() if self.session.correction else {}
-        return programs | {one.name: one for one in corrected.values() if one.stage == stage.name}
 
     def _corrected_programs(self) -> Mapping[str, Program]:
         if self._corrected is None:
@@ -227,19 +239,21 @@ class Guide:
         else:
             self._infer_meanwhile()
 
-    def _keep_try(self, number: int, one: Try) -> None:
+    def _keep_try(self, number: int, attempt: Try) -> None:
         step = self.session.steps[number]
-        self._keep(steps=self.session.with_step(number, step.model_copy(update={"tries": (*step.tries, one)})).steps)
+        self._keep(
+            steps=self.session.with_step(number, step.model_copy(update={"tries": (*step.tries, attempt)})).steps
+        )
 
     def _hold_tries(self, number: int) -> None:
         """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
         step = self.session.steps[number]
         if len(step.tries) % MOST_TRIES == 0:
             vain = f"after {MOST_TRIES} failed attempts at {step.program}"
-            if any(one.held_up for one in step.tries[-MOST_TRIES:]) or self.session.emulated:
-                what = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
+            if any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]) or self.session.emulated:
+                problem = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
                 remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
-                raise CellError("this computer", what, remedy)
+                raise CellError("this computer", problem, remedy)
             remedy = "look at the cell (rig doctor); the same command goes on here"
             raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
 
@@ -248,11 +262,11 @@ class Guide:
 
     def _infer_meanwhile(self) -> None:
         """Start to understand what there is, unless that is under way, or too little."""
-        found = self.session.runs_for("find")
-        known = self.session.answer.runs if self.session.answer else 0
-        ways = {step.direction for step in found}
+        find = self.session.runs_for("find")
+        understood = self.session.answer.runs if self.session.answer else 0
+        ways = {step.direction for step in find}
         judged = first_open(self.session, "judge") is None and first_open(self.session, "find") is None
-        is_new = len(ways) > 1 and (len(found) > known or judged)
+        is_new = len(ways) > 1 and (len(find) > understood or judged)
         if is_new and self._inference is None and self.session.correction is None:
             self._inference = self._begun(Infer())
 
@@ -261,7 +275,7 @@ class Guide:
         ahead, self._ahead = self._ahead, None
         if asked.joins and ahead is not None:
             return ahead
-        find, judge = ([self._run(step) for step in self.session.runs_for(one)] for one in ("find", "judge"))
+        find, judge = ([self._run(step) for step in self.session.runs_for(purpose)] for purpose in ("find", "judge"))
         if asked.joins:
             return self._started([*find, *judge], [])
         begun = self._started(find, judge)
@@ -270,13 +284,13 @@ class Guide:
         return begun
 
     def _started(self, used: Sequence[Path], judges: Sequence[Path]) -> Infers:
-        found = self._place.directory / "found"
-        number = 1 + max((int(path.name) for path in found.glob("[0-9]*") if path.name.isdigit()), default=0)
-        while (found / f"{number:02d}.json").exists():
+        folder = self._place.directory / "found"
+        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
+        while (folder / f"{number:02d}.json").exists():
             number += 1
         first = self.session.stages[0].name
         model = self._place.directory / "cells" / f"{first}.yaml"
-        return self._start_inference(used, judges, model, found / f"{number:02d}")
+        return self._start_inference(used, judges, model, folder / f"{number:02d}")
 
     def _run(self, step: Step) -> Path:
         assert step.run is not None  # noqa: S101 - of a step that was driven
@@ -316,30 +330,30 @@ class Guide:
 
     def _stop_early(self) -> None:
         """Leave out what was still to be driven to find errors."""
-        rest = [
+        numbers = [
             k
             for k, step in enumerate(self.session.steps)
             if step.purpose == "find" and step.is_open and k != self._driving
         ]
-        for number in rest:
+        for number in numbers:
             step = self.session.steps[number]
             skipped = step.model_copy(update={"skipped": "the question is answered"})
             self.session = self.session.with_step(number, skipped)
-        if rest:
+        if numbers:
             self._keep()
-            self._words.early(len(rest))
+            self._words.early(len(numbers))
 
     def _decide(self) -> None:
         """Put the test next that separates rivals or decides, or go on."""
         answer = self.session.answer
         assert answer is not None  # noqa: S101 - it decides
-        more = self._more(answer) if self.session.aim != "check" else None
-        if more is None:
+        addition = self._more(answer) if self.session.aim != "check" else None
+        if addition is None:
             self._keep(answered=answer.condition, decided=answer.runs if self.session.is_last(answer) else 0)
             return
-        stage, steps = more
-        known = [one.name for one in self.session.stages]
-        stages = self.session.stages if stage.name in known else (*self.session.stages, stage)
+        stage, steps = addition
+        names = [stage.name for stage in self.session.stages]
+        stages = self.session.stages if stage.name in names else (*self.session.stages, stage)
         at = next((k for k, step in enumerate(self.session.steps) if step.purpose != "find"), len(self.session.steps))
         ordered = self._named((*self.session.steps[:at], *steps, *self.session.steps[at:]))
         self._words.more(answer, stage)
@@ -352,54 +366,43 @@ class Guide:
         """Return a stage with steps that would show more, None where none would, or the time is over."""
         if len(self.session.stages) >= 2 + _MOST_MORE:
             return None
-        found: tuple[Stage, tuple[Step, ...]] | None = None
+        addition: tuple[Stage, tuple[Step, ...]] | None = None
         if answer.next_test and (answer.condition == "ambiguous" or self.session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in self.session.runs_for("find")))
-            found = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
+            addition = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
         elif answer.condition == "undecided":
-            found = self._repeats(answer)
-        if found is None or self._is_driven_anyway(found[0]):
+            addition = self._repeats(answer)
+        if addition is None or self._is_driven_anyway(addition[0]):
             return None
-        rest = [step for step in self.session.steps if step.is_open]
-        need = minutes_of((found[0],), (*found[1], *rest), self._pace)
-        return found if self.session.driven_minutes + need <= self.session.minutes else None
+        open_steps = [step for step in self.session.steps if step.is_open]
+        need = minutes_of((addition[0],), (*addition[1], *open_steps), self._pace)
+        return addition if self.session.driven_minutes + need <= self.session.minutes else None
 
     def _is_driven_anyway(self, stage: Stage) -> bool:
         """Whether a test is at the place that judges, whose runs join the last diagnosis."""
-        return stage.circle is not None and stage.circle in [one.circle for one in self.session.stages]
+        return stage.circle is not None and stage.circle in [earlier.circle for earlier in self.session.stages]
 
     def _repeats(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return the same once more in each direction, where that may decide."""
         main = self.session.stages[0]
-        own = [step for step in self.session.steps if step.stage == main.name and step.purpose == "find"]
-        driven = [step for step in own if step.run]
-        once = list({step.program: step for step in own}.values())
+        main_steps = [step for step in self.session.steps if step.stage == main.name and step.purpose == "find"]
+        driven = [step for step in main_steps if step.run]
+        once = list({step.program: step for step in main_steps}.values())
         if answer.runs_to_decide is None or len(driven) >= len(once) * answer.runs_to_decide:
             return None
         return main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
 
     def _named(self, steps: Sequence[Step]) -> tuple[Step, ...]:
         """Return steps of which those that are new have the next numbers; programs that were written keep theirs."""
-        known = {step.program[4:]: step.program for step in self.session.steps}
-        fresh = [step for step in numbered(steps) if step.program[4:] not in known]
-        count = len(set(known.values()))
+        names = {step.program[4:]: step.program for step in self.session.steps}
+        fresh = [step for step in numbered(steps) if step.program[4:] not in names]
+        count = len(set(names.values()))
         for number, bare in enumerate(dict.fromkeys(step.program[4:] for step in fresh), start=count + 1):
-            known[bare] = f"p{number:02d}-{bare}"
-        return tuple(step.model_copy(update={"program": known[_bare(step.program)]}) for step in steps)
+            names[bare] = f"p{number:02d}-{bare}"
+        return tuple(step.model_copy(update={"program": names[_bare(step.program)]}) for step in steps)
 
     # ------------------------------------------------------------------------------------------------------------------
     # Correcting, and the end.
-
-    def _make_correction(self, wanted: Way | None) -> Mapping[str, Program]:
-        """Make the correction and its files; return the programs that it changes."""
-        directory = self._place.directory / CORRECTIONS
-        main = self.session.stages[0].name
-        here = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
-        runs = here, [self._run(step) for step in self.session.runs_for("judge")]
-        made = corrected(self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, wanted)
-        self._known = {}
-        self._made = made.correction
-        return made.programs
 
     def _model_file(self) -> Path:
         """The rig file with what was found."""
@@ -421,32 +424,37 @@ class Guide:
         assert answer is not None  # noqa: S101 - it is corrected by it
         if not answer.model:
             self._keep(correction=self._nothing(f"Nothing can be corrected: {answer.next_step}"))
-        elif (why := why_nothing(self.session)) and self._wanted in (None, "none"):
+        elif (why := why_nothing(self.session)) and self._chosen_way in (None, "none"):
             self._keep(correction=self._nothing(why))
         else:
-            programs = self._make_correction(self._wanted)
-            self._corrected = programs
+            directory = self._place.directory / CORRECTIONS
+            main = self.session.stages[0].name
+            main_runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
+            runs = main_runs, [self._run(step) for step in self.session.runs_for("judge")]
+            made = corrected(
+                self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, self._chosen_way
+            )
+            self._known = {}
+            self._corrected = programs = made.programs
             for stage in self.session.stages:
-                own = [one for one in programs.values() if one.stage == stage.name]
-                write_programs(self.session.maker, own, self._place.directory / "programs" / stage.name)
+                stage_programs = [program for program in programs.values() if program.stage == stage.name]
+                write_programs(self.session.maker, stage_programs, self._place.directory / "programs" / stage.name)
             steps = self.session.steps
-            if self._made.way == "none":
+            if made.correction.way == "none":
                 steps = self._without_verification("nothing was corrected")
-            elif self._made.way == "programs":
+            elif made.correction.way == "programs":
                 steps = tuple(
                     step.model_copy(update={"program": programs[step.program].name})
                     if step.purpose == "verify"
                     else step
                     for step in steps
                 )
-            self._keep(correction=self._made, steps=steps)
+            self._keep(correction=made.correction, steps=steps)
         assert self.session.correction is not None  # noqa: S101 - it was made
         self._stage = self._stage if self.session.correction.way == "entries" else ""
         self._words.correction(self.session.correction)
 
-    def _nothing(self, sentence: str) -> object:
-        from analysis.session.state import Correction  # noqa: PLC0415
-
+    def _nothing(self, sentence: str) -> Correction:
         self.session = self.session.model_copy(update={"steps": self._without_verification("nothing was corrected")})
         return Correction(way="none", sentence=sentence, before_um=0.0, expected_um=0.0)
 
@@ -490,7 +498,10 @@ class Guide:
             "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
         }
         return Verified(
-            **{name: path_error([self._run(one) for one in steps], by, noise_um) for name, (steps, by) in sides.items()}
+            **{
+                name: path_error([self._run(step) for step in steps], by, noise_um)
+                for name, (steps, by) in sides.items()
+            }
         )
 
     def _driven_after(self) -> Driven:

@@ -87,11 +87,11 @@ def _understanding(session: Session, answer: Answer | None) -> Action | None:
 
     The other place judges first what was found without it; then its runs join, and what they show as well decides.
     """
-    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    finds, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
     if answer is not None and session.is_last(answer):
         return None if session.decided == answer.runs else Decide()
     judged = session.judged
-    has_judged = judged is not None and (judged.runs, judged.judges) == (found, judges)
+    has_judged = judged is not None and (judged.runs, judged.judges) == (finds, judges)
     return Infer(joins=True) if has_judged else Infer()
 
 
@@ -103,7 +103,7 @@ def first_open(session: Session, purpose: Purpose) -> int | None:
 def is_answered(session: Session, answer: Answer) -> bool:
     """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
     circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
-    repeated = bool(circles) and all(circles.count(one) >= _REPEATS for one in (("yaw", "acw"), ("yaw", "cw")))
+    repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in (("yaw", "acw"), ("yaw", "cw")))
     unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
     return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
 

@@ -105,35 +105,43 @@ def planned(
     minutes -= pace.thinking_min
     main = Stage(name="yaw", words=_set_up("yaw", None))
     backbones = list(_backbones(rig, aim, main))
-    best = next((one for one in backbones if minutes_of(*one, pace) <= minutes), None)
+    best = next((backbone for backbone in backbones if minutes_of(*backbone, pace) <= minutes), None)
     if best is None:
         need = minutes_of(*backbones[-1], pace) + pace.thinking_min
         raise UseError("--minutes", f"the shortest session of this cell takes {need:.1f} minutes", "give more time")
     stages, steps = best
-    left = minutes - minutes_of(stages, steps, pace)
-    if aim != "check" and left > pace.set_up_min + 1:
-        extra = _extra(rig, left, pace, progress)
+    spare_min = minutes - minutes_of(stages, steps, pace)
+    if aim != "check" and spare_min > pace.set_up_min + 1:
+        extra = _extra(rig, spare_min, pace, progress)
         at = next((k for k, step in enumerate(steps) if step.purpose != "find"), len(steps))
         stages = (*stages, *(stage for stage, _ in extra))
-        steps = (*steps[:at], *(step for _, own in extra for step in own), *steps[at:])
+        steps = (*steps[:at], *(step for _, extra_steps in extra for step in extra_steps), *steps[at:])
     return stages, numbered(steps)
 
 
 def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[Step, ...]]]:
     """Yield what every session drives, the most first."""
-    here = programs_for(rig, main, "yaw")
+    main_programs = programs_for(rig, main, "yaw")
     if aim == "check":
         for repeats in (2, 1):
-            yield (main,), _circles(here, "find", repeats)
+            yield (main,), _circles(main_programs, "find", repeats)
         return
-    other = elsewhere(rig)
-    stages = (main, other) if other else (main,)
-    there = programs_for(rig, other, "yaw") if other else []
+    other_stage = elsewhere(rig)
+    stages = (main, other_stage) if other_stage else (main,)
+    other_programs = programs_for(rig, other_stage, "yaw") if other_stage else []
     for repeats in (3, 2, 1):
         for again in (2, 1):
             if again <= repeats:
-                judged, after = _circles(there, "judge", again), _circles(there, "verify", again)
-                yield stages, (*_circles(here, "find", repeats), *judged, *after, *_circles(here, "verify", again))
+                judged, after = _circles(other_programs, "judge", again), _circles(other_programs, "verify", again)
+                yield (
+                    stages,
+                    (
+                        *_circles(main_programs, "find", repeats),
+                        *judged,
+                        *after,
+                        *_circles(main_programs, "verify", again),
+                    ),
+                )
 
 
 def elsewhere(rig: Rig) -> Stage | None:
@@ -141,7 +149,7 @@ def elsewhere(rig: Rig) -> Stage | None:
     circle = rig.tests.circle
     assert circle is not None  # noqa: S101 - looked at before
     for words, centre in places(rig, circle):
-        moved = with_circle(rig, circle, centre_mm=tuple(round(one, 3) for one in centre))
+        moved = with_circle(rig, circle, centre_mm=tuple(round(coordinate, 3) for coordinate in centre))
         if drives(moved):
             return Stage(name=ELSEWHERE, words=_set_up("yaw", words), circle=moved.tests.circle)
     return None
@@ -170,15 +178,15 @@ def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tup
     """Return so many runs of each program, in turn."""
     return tuple(
         Step(
-            program=one.name,
-            stage=one.stage,
-            test=one.test,
-            direction=one.direction,
+            program=program.name,
+            stage=program.stage,
+            test=program.test,
+            direction=program.direction,
             purpose=purpose,
-            seconds=round(one.seconds),
+            seconds=round(program.seconds),
         )
         for _ in range(repeats)
-        for one in programs
+        for program in programs
     )
 
 
@@ -189,20 +197,16 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
         for called, moved in further.choices:
             if called != words:
                 continue
-            circle, own = moved.tests.circle, rig.tests.circle
-            if moved.robot != rig.robot or (circle and own and circle.radius_mm != own.radius_mm):
+            circle, rig_circle = moved.tests.circle, rig.tests.circle
+            if moved.robot != rig.robot or (circle and rig_circle and circle.radius_mm != rig_circle.radius_mm):
                 return None
-            test: DrivenTest = next(one for one in get_args(DrivenTest) if one in further.tests)
-            is_moved = circle != own
+            test: DrivenTest = next(candidate for candidate in get_args(DrivenTest) if candidate in further.tests)
+            is_moved = circle != rig_circle
             name = f"circle-{number}" if is_moved else test
             where = words.removeprefix("circle ") if is_moved else None
             stage = Stage(name=name, words=_set_up(test, where), circle=circle if is_moved else None)
-            return stage, _steps_of(rig, stage, test)
+            return stage, _circles(programs_for(rig, stage, test), "find", _SEPARATING_RUNS if test in CIRCLES else 1)
     return None
-
-
-def _steps_of(rig: Rig, stage: Stage, test: DrivenTest) -> tuple[Step, ...]:
-    return _circles(programs_for(rig, stage, test), "find", _SEPARATING_RUNS if test in CIRCLES else 1)
 
 
 def _extra(
@@ -213,24 +217,27 @@ def _extra(
     for number, further in enumerate(further_tests(rig, ("yaw",)), start=2):
         for words, _ in further.choices:
             try:
-                one = separating(rig, words, ("yaw",), number)
+                addition = separating(rig, words, ("yaw",), number)
             except FileError:
                 continue
-            if one and minutes_of((one[0],), one[1], pace) <= minutes:
-                possible.append((words, one))
+            if addition and minutes_of((addition[0],), addition[1], pace) <= minutes:
+                possible.append((words, addition))
     if not possible:
         return []
     progress("planning: what would further tests show?")
     gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, ("yaw",), 2).gains}
     chosen: list[tuple[Stage, tuple[Step, ...]]] = []
-    worth = sorted(
-        ((gains.get(words, 0) / minutes_of((one[0],), one[1], pace), k) for k, (words, one) in enumerate(possible)),
+    ranked = sorted(
+        (
+            (gains.get(words, 0) / minutes_of((addition[0],), addition[1], pace), k)
+            for k, (words, addition) in enumerate(possible)
+        ),
         reverse=True,
     )
-    for gain, k in worth:
+    for gain, k in ranked:
         stage, steps = possible[k][1]
         need = minutes_of((stage,), steps, pace)
-        if gain > 0 and need <= minutes and stage.name not in [other.name for other, _ in chosen]:
+        if gain > 0 and need <= minutes and stage.name not in [taken.name for taken, _ in chosen]:
             chosen.append((stage, steps))
             minutes -= need
     return chosen
@@ -246,14 +253,14 @@ def minutes_of(stages: Sequence[Stage], steps: Sequence[Step], pace: Pace) -> fl
 def numbered(steps: Sequence[Step]) -> tuple[Step, ...]:
     """Return the steps with programs whose names say the order in which they are first driven."""
     order = list(dict.fromkeys(_bare(step.program) for step in steps))
-    known = {bare: f"p{number:02d}-{bare}" for number, bare in enumerate(order, start=1)}
-    return tuple(step.model_copy(update={"program": known[_bare(step.program)]}) for step in steps)
+    names = {bare: f"p{number:02d}-{bare}" for number, bare in enumerate(order, start=1)}
+    return tuple(step.model_copy(update={"program": names[_bare(step.program)]}) for step in steps)
 
 
 def _bare(program: str) -> str:
     """A program's name without its number."""
-    head, _, rest = program.partition("-")
-    return rest if head[:1] == "p" and head[1:].isdigit() else program
+    head, _, stem = program.partition("-")
+    return stem if head[:1] == "p" and head[1:].isdigit() else program
 
 
 def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[Program]:
@@ -261,11 +268,11 @@ def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONG
     at = stage_rig(rig, stage)
     ways: tuple[Direction | None, ...] = _BOTH if test in CIRCLES else (None,)
     place = stage.name if stage.circle else ""
-    found = []
+    programs = []
     for way, plan in zip(ways, plans_of(at, test, DWELL_S, arc_deg=arc_deg), strict=True):
         name = "-".join(filter(None, (test, way, place)))
-        found.append(Program(name, stage.name, test, way, plan, seconds_of(plan)))
-    return found
+        programs.append(Program(name, stage.name, test, way, plan, seconds_of(plan)))
+    return programs
 
 
 def named_as(program: Program, name: str) -> Program:
@@ -275,15 +282,15 @@ def named_as(program: Program, name: str) -> Program:
 
 def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
     """Return the nominal programs that steps need, by their names."""
-    found: dict[str, Program] = {}
+    programs: dict[str, Program] = {}
     for stage in stages:
-        own = [step for step in steps if step.stage == stage.name]
-        for test in dict.fromkeys(step.test for step in own):
+        stage_steps = [step for step in steps if step.stage == stage.name]
+        for test in dict.fromkeys(step.test for step in stage_steps):
             by_way = {program.direction: program for program in programs_for(rig, stage, test)}
-            for step in own:
-                if step.test == test and step.program not in found:
-                    found[step.program] = named_as(by_way[step.direction], step.program)
-    return found
+            for step in stage_steps:
+                if step.test == test and step.program not in programs:
+                    programs[step.program] = named_as(by_way[step.direction], step.program)
+    return programs
 
 
 def write_programs(maker: Maker, programs: Sequence[Program], directory: Path) -> list[Path]:

@@ -103,11 +103,13 @@ class Child:
         """Return the error for its end, with the last that it said."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
-        said = ""
+        last_line = ""
         with suppress(OSError):
-            said = next((line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), "")
-        what = f"ended by itself: {said.removeprefix('error: ')}" if said else "ended by itself"
-        return CellError(self.name, what, f"see {self.log}; then the same command goes on")
+            last_line = next(
+                (line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), ""
+            )
+        problem = f"ended by itself: {last_line.removeprefix('error: ')}" if last_line else "ended by itself"
+        return CellError(self.name, problem, f"see {self.log}; then the same command goes on")
 
     @property
     def runs(self) -> bool:

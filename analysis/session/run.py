@@ -68,20 +68,26 @@ def run_session(
         session = kept or _begun(rig, text, asked, screen)
         _hold_same(session, text, asked, place)
         if asked.entered:
-            session = _entered(session)
+            if session.correction is None or session.correction.way != "entries":
+                raise UseError("--entered", "this session has no values to be entered", "leave it out")
+            session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
-            _say_kept(kept, screen)
+            which_session = f"of {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
+            if kept.report:
+                screen.say(f"this session is at its end ({which_session}); another begins with another --output")
+            else:
+                screen.say(f"going on with the session {which_session}")
         place.write(session)
-        with _means(session, place, asked) if means is None else nullcontext(means) as own:
-            hands = own.hands or _hands(session, place, screen)
+        with _means(session, place, asked) if means is None else nullcontext(means) as equipment:
+            hands = equipment.hands or _hands(session, place, screen)
             driver = LiveDriver(
-                rig.name, place.directory, hands, screen, asked.operator, asked.wait_min, own.start_rigd
+                rig.name, place.directory, hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
             )
             driver.entered = bool(_entered_files(session, place))
             try:
                 guide = Guide(
-                    place, session, driver, screen, asked.pace, wanted=asked.correct,
-                    start_inference=own.start_inference,
+                    place, session, driver, screen, asked.pace, chosen_way=asked.correct,
+                    start_inference=equipment.start_inference,
                 )  # fmt: skip
                 return guide.run()
             finally:
@@ -107,22 +113,6 @@ def _means(session: Session, place: Place, asked: Asked) -> Iterator[Means]:
         yield Means(hands, cells.start_rigd, SimulatedInference.start)
 
 
-def _say_kept(session: Session, screen: Screen) -> None:
-    """Say which session is gone on with: options that say otherwise have no effect on it."""
-    what = f"of {session.began}: aim {session.aim}, {session.minutes:g} minutes, for {session.maker}"
-    if session.report:
-        screen.say(f"this session is at its end ({what}); another begins with another --output")
-    else:
-        screen.say(f"going on with the session {what}")
-
-
-def _entered(session: Session) -> Session:
-    """Return a session whose values are entered. Raises UseError where there are none."""
-    if session.correction is None or session.correction.way != "entries":
-        raise UseError("--entered", "this session has no values to be entered", "leave it out")
-    return session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
-
-
 def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
     screen.show("planning")
     stages, steps = planned(rig, asked.aim, asked.minutes, asked.pace, screen.show)
@@ -143,8 +133,8 @@ def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
 def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
     """Raise an error where the session that is kept is of another cell, or was begun otherwise."""
     if session.rig_sha256 != digest_of(text):
-        what = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
-        raise FileError(str(place.file), what, "restore that file, or begin another session with another --output")
+        problem = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
+        raise FileError(str(place.file), problem, "restore that file, or begin another session with another --output")
     if (session.emulated is None) != (asked.emulated is None):
         kind = "a real" if session.emulated is None else "an emulated"
         raise UseError("--emulated", f"this session is of {kind} cell", "go on as it was begun, or give another -o")
@@ -162,11 +152,11 @@ def _entered_files(session: Session, place: Place) -> list[Path]:
     return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
 
 
-def _confirmed(what: str) -> bool:
+def _confirmed(statement: str) -> bool:
     """Ask a person at the terminal whether something is so; false where there is none."""
     if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
         return False
     try:
-        return input(f"{what}? [y] ").strip().lower() in ("", "y", "yes")
+        return input(f"{statement}? [y] ").strip().lower() in ("", "y", "yes")
     except EOFError:
         return False

@@ -32,7 +32,7 @@ from daq.simulated.cell import SimulatedCell
 from daq.simulated.clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden
-from rigs.schema.vocabulary import MAKERS, Maker
+from rigs.schema.vocabulary import MAKERS
 
 _INFERENCE_S = 20.0
 """Simulated seconds of an inference. Measured: 10 to 25 s for four to twelve runs, on a core of two that are busy."""
@@ -58,7 +58,14 @@ class SimulatedChild:
         write_cell_files(Path(options["-o"]), hidden, robot, text)
         time_of_cell.kill("cell")
         cell = SimulatedCell.switched_on(time_of_cell, folder, text, robot, robot.signal)
-        child = cls(cell, robot, Pendant(hidden, Path(options["--programs"]), _maker(str(options["--for"]))), log)
+        child = cls(
+            cell,
+            robot,
+            Pendant(
+                hidden, Path(options["--programs"]), next(maker for maker in MAKERS if maker == str(options["--for"]))
+            ),
+            log,
+        )
         with time_of_cell.process("cell"):
             child._keyboard.start()
         child.lines.put("ready")
@@ -83,10 +90,6 @@ class SimulatedChild:
     def stop(self) -> None:
         """End it."""
         self._end(0)
-
-
-def _maker(name: str) -> Maker:
-    return next(one for one in MAKERS if one == name)
 
 
 class SimulatedRigd(Rigd):

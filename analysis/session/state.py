@@ -87,7 +87,7 @@ class Step(Part):
     @property
     def run(self) -> str | None:
         """The usable run of the step, if there is one."""
-        return next((one.run for one in self.tries[::-1] if not one.why), None)
+        return next((attempt.run for attempt in self.tries[::-1] if not attempt.why), None)
 
     @property
     def is_open(self) -> bool:
@@ -248,11 +248,11 @@ class Session(Part):
 
     @model_validator(mode="after")
     def _consistent(self) -> Session:
-        known = [stage.name for stage in self.stages]
-        if len(set(known)) < len(known):
+        stage_names = [stage.name for stage in self.stages]
+        if len(set(stage_names)) < len(stage_names):
             raise ValueError("two stages have one name")
         for step in self.steps:
-            if step.stage not in known:
+            if step.stage not in stage_names:
                 raise ValueError(f"the step {step.program} is of the stage {step.stage!r}, which is not there")
             if (step.direction is None) == (step.test in CIRCLES):
                 raise ValueError(f"the step {step.program} needs a direction, as only circles have one")
@@ -287,8 +287,10 @@ class Session(Part):
             return ()
         way = self.correction.way if self.correction and self.is_corrected else None
         elsewhere = bool(answer.joined or answer.judges or way)
-        said = tuple(one.words for one in answer.acts if not is_done(one.kind, one.why, way=way, elsewhere=elsewhere))
-        return said if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
+        open_acts = tuple(
+            act.words for act in answer.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)
+        )
+        return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the driven steps with these purposes."""
@@ -319,8 +321,8 @@ class Place:
         except OSError as error:
             raise FileError(str(self.directory), error.strerror or str(error), "give another --output") from None
         if self._lock is None:
-            what = "another rig session works in this directory"
-            raise CellError(str(self.directory), what, "end that one, or look at it with --status")
+            problem = "another rig session works in this directory"
+            raise CellError(str(self.directory), problem, "end that one, or look at it with --status")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -360,19 +362,19 @@ class Place:
     def hold_whole(self, session: Session, rig_text: str) -> None:
         """Raise RigFileError, with the lines, where a session names runs that are not here, or is of another rig file
         than the one with this text."""
-        found = []
+        missing = []
         if session.rig_sha256 != digest_of(rig_text):
-            what = "is not that of the rig file: it was changed, or this session is of another one"
-            found.append(("rig_sha256", session.rig_sha256, what))
-        names = (one.run for step in session.steps for one in step.tries)
-        found += [
+            problem = "is not that of the rig file: it was changed, or this session is of another one"
+            missing.append(("rig_sha256", session.rig_sha256, problem))
+        names = (attempt.run for step in session.steps for attempt in step.tries)
+        missing += [
             ("run", name, f"there is no run {name} in {self.runs}") for name in names if not self.run(name).is_dir()
         ]
-        if found:
+        if missing:
             lines = read_text(self.file, _MOST_BYTES).splitlines()
             problems = [
-                Problem(next((k for k, line in enumerate(lines, 1) if text in line), 1), place, what)
-                for place, text, what in found
+                Problem(next((k for k, line in enumerate(lines, 1) if text in line), 1), place, problem)
+                for place, text, problem in missing
             ]
             raise RigFileError(str(self.file), problems)
 
@@ -382,8 +384,8 @@ class Place:
         try:
             durable.replace(self.file, (head + text_of(session)).encode())
         except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(self.file), what, "free some space; the same command goes on") from None
+            problem = f"cannot be written: {error.strerror or error}"
+            raise CellError(str(self.file), problem, "free some space; the same command goes on") from None
 
 
 Keep = Callable[[Session], None]

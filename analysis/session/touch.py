@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from analysis.files.existing import refuse_existing
+from analysis.files.write import refuse_existing
 from analysis.geometry.rigid import moved_by
 from analysis.kinematics.arm import arm_of
 from analysis.setting_up.touching import Touching
@@ -60,9 +60,9 @@ def record_touches(
     rig = parse(text, "the rig file of rigd")
     touch = touch_of(rig)
     if rig.robot.rail:
-        what = "stands on a rail, and rigd does not read where that stands"
+        problem = "stands on a rail, and rigd does not read where that stands"
         raise FileError(
-            RigPlace.of(rig.name), what, "leave out robot.rail while it stands, or import touches as a table"
+            RigPlace.of(rig.name), problem, "leave out robot.rail while it stands, or import touches as a table"
         )
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     arm = arm_of(rig.robot)
@@ -76,8 +76,8 @@ def record_touches(
             say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches are kept")
         raise
     if guide.count < _FEWEST:
-        what = f"{guide.count} touches were made, and at least {_FEWEST} are needed"
-        raise FileError(str(output), what, "touch each socket in many postures")
+        problem = f"{guide.count} touches were made, and at least {_FEWEST} are needed"
+        raise FileError(str(output), problem, "touch each socket in many postures")
     return _written(guide, name, output, rig, text, operator, placement)
 
 
@@ -104,7 +104,7 @@ def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None
         rows = robot["rows"] if robot else []
         if robot and rows:
             after, heard_s = {"robot": robot["newest"]}, clock.now_s()
-            places = [1 + robot["columns"].index(one) for one in names]
+            places = [1 + robot["columns"].index(name) for name in names]
             for row in rows:
                 angles = [row[place] for place in places]
                 if all(angle is not None for angle in angles):

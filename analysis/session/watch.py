@@ -140,5 +140,5 @@ class Watch:
         return "driving" if self._at else "at_start"
 
 
-def _apart(one: Array, other: Array) -> float:
-    return float(np.abs(one - other).max())
+def _apart(first: Array, second: Array) -> float:
+    return float(np.abs(first - second).max())

@@ -42,14 +42,14 @@ class Words:
 
     def plan(self, session: Session, pace: Pace) -> None:
         """What is still to be driven."""
-        rest = [step for step in session.steps if step.is_open]
-        if not rest:
+        open_steps = [step for step in session.steps if step.is_open]
+        if not open_steps:
             return
-        driven = len(session.steps) - len(rest)
+        driven = len(session.steps) - len(open_steps)
         goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
-        minutes = minutes_of(session.stages, rest, pace)
-        self._say(f"{session.rig}: {len(rest)} programs to drive, {minutes:.0f} minutes{goes_on}")
-        for line in plan_lines(rest):
+        minutes = minutes_of(session.stages, open_steps, pace)
+        self._say(f"{session.rig}: {len(open_steps)} programs to drive, {minutes:.0f} minutes{goes_on}")
+        for line in plan_lines(open_steps):
             self._say(f"  {line}")
         self._say(f"programs for {session.maker}: {self._directory / 'programs'}")
 
@@ -60,7 +60,11 @@ class Words:
     def step(self, session: Session, number: int) -> None:
         """Which program is to be started, and by which commands it would be recorded without a session."""
         step = session.steps[number]
-        again = " again" if any(one.program == step.program and one.run for one in session.steps[:number]) else ""
+        again = (
+            " again"
+            if any(earlier.program == step.program and earlier.run for earlier in session.steps[:number])
+            else ""
+        )
         self._say(f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}")
         if not again:
             way = f" --direction {step.direction}" if step.direction else ""
@@ -88,7 +92,7 @@ class Words:
 
     def more(self, answer: Answer, stage: Stage) -> None:
         """What is driven in addition, and why."""
-        measure = next((one.words for one in answer.acts if one.kind == "measure"), answer.next_step)
+        measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
         self._say(f"  {answer.condition}: {measure}")
         self._say(f"  so the stage {stage.name} comes next")
 
@@ -108,19 +112,19 @@ class Words:
 
 def plan_lines(steps: list[Step]) -> Iterator[str]:
     """Yield what is driven, a line for each purpose and stage."""
-    for (purpose, stage), own in groupby(steps, key=lambda step: (step.purpose, step.stage)):
-        programs = [step.program for step in own]
+    for (purpose, stage), group in groupby(steps, key=lambda step: (step.purpose, step.stage)):
+        programs = [step.program for step in group]
         times = [f"{name} × {programs.count(name)}" for name in dict.fromkeys(programs)]
         yield f"{stage}, {_PURPOSES[purpose]}: {', '.join(times)}"
 
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
     """Yield the parts of the error, each with its share."""
-    names = [_name_of(one) for one in parts]
+    names = [_name_of(part) for part in parts]
     width = max(map(len, names), default=0)
-    for one, name in zip(parts, names, strict=True):
-        bar = "#" * round(_BAR * max(0.0, min(1.0, one.share)))
-        yield f"{name:{width}} {100 * one.share:4.0f} % {one.um:7.1f} µm {bar}".rstrip()
+    for part, name in zip(parts, names, strict=True):
+        bar = "#" * round(_BAR * max(0.0, min(1.0, part.share)))
+        yield f"{name:{width}} {100 * part.share:4.0f} % {part.um:7.1f} µm {bar}".rstrip()
 
 
 def _name_of(part: PartOfError) -> str:
@@ -140,14 +144,16 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
         if not session.is_corrected or judged is None:
             yield f"accuracy: {(judged or answer).accuracy}"
         elif judged.before_there_um:
-            there = f"{judged.before_there_um:.0f} µm rms without the model, {judged.calibrated_um:.1f} with it"
-            yield f"the other place judged, where the model had no part: {there}"
+            at_other_place = (
+                f"{judged.before_there_um:.0f} µm rms without the model, {judged.calibrated_um:.1f} with it"
+            )
+            yield f"the other place judged, where the model had no part: {at_other_place}"
         if answer.joined:
             yield f"then its {answer.joined} runs joined the last diagnosis, of {answer.runs} runs"
     if correction:
-        first, *rest = correction_lines(correction, session.verified)
+        first, *further_lines = correction_lines(correction, session.verified)
         yield f"corrected: {first}"
-        yield from rest
+        yield from further_lines
     for number, act in enumerate(session.to_do):
         first = "for the cause" if session.is_corrected else "next"
         yield f"  then: {act}" if number else f"{first}: {act}"
@@ -214,8 +220,8 @@ def status_lines(session: Session, following: object, directory: Path) -> Iterat
     if session.report:
         yield from end_lines(session, directory)
     else:
-        what = type(following).__name__.lower()
-        yield f"next: {what}; go on with: rig session {as_argument(Path(session.rig_file))}"
+        action = type(following).__name__.lower()
+        yield f"next: {action}; go on with: rig session {as_argument(Path(session.rig_file))}"
 
 
 def _state_of(step: Step) -> str:

@@ -89,15 +89,15 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
     centre, normal, radius = circles_through(points[rows])
     sound = (radius > _RADIUS_MM[0]) & (radius < _RADIUS_MM[1])
     centre, normal, radius, rows = centre[sound], normal[sound], radius[sound], rows[sound]
-    limit = np.array([tolerance.at(one) for one in radius.tolist()])
+    limit = np.array([tolerance.at(mm) for mm in radius.tolist()])
     turned = (largest_deviations(points, centre, normal, radius) < limit[:, None]).sum(axis=1) / radius
-    found: FoundCircle | None = None
+    best: FoundCircle | None = None
     for k in np.argsort(-turned)[:_BEST]:
         circle = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k])
-        one = _refined(points, run, circle, tolerance)
-        if one and (found is None or one.turned_rad > found.turned_rad):
-            found = one
-    return found
+        refined = _refined(points, run, circle, tolerance)
+        if refined and (best is None or refined.turned_rad > best.turned_rad):
+            best = refined
+    return best
 
 
 def _refined(points: Array, run: Integers, circle: CircleFrame, tolerance: Tolerance) -> FoundCircle | None:
@@ -122,10 +122,10 @@ def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Toler
         return kept, turned
     breaks = np.flatnonzero((np.diff(rows) > 1 + _HOLES) | (np.diff(run[rows]) != 0)) + 1
     for stretch in np.split(rows, breaks):
-        own = float(np.ptp(np.unwrap(away.phi[stretch])))
-        if own >= tolerance.least_rad and len(stretch) >= _FEWEST_OF_A_STRETCH:
+        turned_here = float(np.ptp(np.unwrap(away.phi[stretch])))
+        if turned_here >= tolerance.least_rad and len(stretch) >= _FEWEST_OF_A_STRETCH:
             kept[stretch] = True
-            turned += own
+            turned += turned_here
     return kept, turned
 
 
@@ -183,8 +183,8 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
     step = float(np.median(np.diff(t_s)))
     span = max(step * m, 2 * step)
     root = np.sqrt(count / count.mean())
-    left = readings - design @ np.linalg.lstsq(design, readings, rcond=None)[0]
-    usual = np.maximum((left**2).sum(axis=0) / (m - p), _NOTHING)
+    rest_of_fit = readings - design @ np.linalg.lstsq(design, readings, rcond=None)[0]
+    usual = np.maximum((rest_of_fit**2).sum(axis=0) / (m - p), _NOTHING)
     cases: list[list[_Case]] = [[] for _ in readings.T]
     for longest, smooth in zip(_LONGEST, (0.0, 1.0), strict=True):
         for tau in np.geomspace(step, longest * span, _TIMES):
@@ -194,9 +194,9 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
             X, Y = (V.T @ (values * root[:, None]) for values in (design, readings))
             for share in _SHARES.tolist():
                 variance = 1 + share * np.maximum(level, 0.0)
-                for own, y, residual in zip(cases, Y.T, usual.tolist(), strict=True):
-                    own.append(_case(X, y, variance, share, residual))
-    return [_posterior(own, m - p) for own in cases]
+                for column_cases, y, residual in zip(cases, Y.T, usual.tolist(), strict=True):
+                    column_cases.append(_case(X, y, variance, share, residual))
+    return [_posterior(column_cases, m - p) for column_cases in cases]
 
 
 def _case(X: Array, y: Array, variance: Array, share: float, usual: float) -> _Case:
@@ -291,14 +291,14 @@ class Binned:
     @property
     def stand_rows(self) -> Integers:
         """Index (m,) of the bin in the middle of each stand."""
-        return np.array([(one.begin + one.end) // 2 for one in self.stands], dtype=np.int64)
+        return np.array([(stand.begin + stand.end) // 2 for stand in self.stands], dtype=np.int64)
 
     @property
     def moving(self) -> Mask:
         """Whether (n,) the robot moved."""
         moves = np.ones(len(self.t_s), dtype=bool)
-        for one in self.stands:
-            moves[one.begin : one.end] = False
+        for stand in self.stands:
+            moves[stand.begin : stand.end] = False
         return moves
 
 
@@ -317,10 +317,10 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
             raise FileError(motion.where, what, "record all of the circle, and drive it slower")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
-        first = sum(len(one) for one in times)
+        first = sum(len(earlier) for earlier in times)
         stands += [
-            replace(one, begin=first + one.begin, end=first + one.end)
-            for one in stands_of(t_s, q, np.empty((len(t_s), 0)))
+            replace(stand, begin=first + stand.begin, end=first + stand.end)
+            for stand in stands_of(t_s, q, np.empty((len(t_s), 0)))
         ]
         times.append(t_s)
         angles.append(q)
@@ -408,11 +408,11 @@ def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> t
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
     times, angles, numbers = [], [], []
     for number, (motion, count) in enumerate(zip(motions, bins.rows, strict=True)):
-        own = np.flatnonzero(on & (bins.run == number))
-        rows = ((own - np.searchsorted(bins.run, number))[:, None] * count + np.arange(count)).ravel()
+        bins_of_run = np.flatnonzero(on & (bins.run == number))
+        rows = ((bins_of_run - np.searchsorted(bins.run, number))[:, None] * count + np.arange(count)).ravel()
         times.append(motion.t_s[rows] + _APART_S * number)
         angles.append(motion.q[rows])
-        numbers.append(np.repeat(stretches[own], count))
+        numbers.append(np.repeat(stretches[bins_of_run], count))
     thin = slice(None, None, max(1, sum(map(len, times)) // _MOST_ROWS))
     t_s, q, stretch = (np.concatenate(parts)[thin] for parts in (times, angles, numbers))
     return t_s, forward(arm, q)[:, :3, 3], stretch

@@ -64,33 +64,33 @@ class Start:
     doubts: tuple[str, ...]
 
 
-def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | None, known: Circle | None) -> Start:
+def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None) -> Start:
     """The start of a circle from one stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) rad in order of time.
 
-    direction: as the run is labelled; known: the circle of the rig file, if it has one."""
+    direction: as the run is labelled; declared: the circle of the rig file, if it has one."""
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
-    if _sense(circle, T, phi, direction, known, doubts) < 0:
+    if _sense(circle, T, phi, direction, declared, doubts) < 0:
         circle, phi = circle_frame(circle.centre, -circle.n, circle.u, circle.radius), -phi
     arc = float(np.ptp(phi))
     laps = int(arc / (2 * np.pi) + _HARDLY)
     lead = max(0.0, (arc - 2 * np.pi * laps) / 2) if laps else 0.0
     begins = float(phi.min()) + lead
     row = int(np.abs(phi - begins).argmin())
-    begun = np.radians(known.start_deg) if known else 0.0
+    begun = np.radians(declared.start_deg) if declared else 0.0
     zero = circle.radial(np.array([begins - begun]))[0]
     keeps_zero = False
-    if known is not None and abs(np.dot(_unit(known.zero), circle.n)) < _ALONG_NORMAL:
-        own = circle_frame(circle.centre, circle.n, _unit(known.zero), circle.radius)
-        keeps_zero = bool(own.u @ zero > np.cos(_SAME_START_RAD))
-        zero = own.u if keeps_zero else zero
+    if declared is not None and abs(np.dot(_unit(declared.zero), circle.n)) < _ALONG_NORMAL:
+        declared_frame = circle_frame(circle.centre, circle.n, _unit(declared.zero), circle.radius)
+        keeps_zero = bool(declared_frame.u @ zero > np.cos(_SAME_START_RAD))
+        zero = declared_frame.u if keeps_zero else zero
     circle = circle_frame(circle.centre, circle.n, zero, circle.radius)
     at = circle.radial(np.array([begun]))[0]
     return Start(circle, at, q[row], arc, keeps_zero, (*doubts, *_tool_doubts(circle, T)))
 
 
 def _sense(
-    circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, known: Circle | None, doubts: list[str]
+    circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, declared: Circle | None, doubts: list[str]
 ) -> float:
     """1 where the normal has its sign, -1 where it must be turned round."""
     along = float(T[:, :3, 0].mean(axis=0) @ circle.n)
@@ -100,24 +100,24 @@ def _sense(
     if abs(along) > _ALONG_NORMAL:
         sign = float(np.sign(along))
         if direction and went and sign * went != labelled:
-            other = "acw" if direction == "cw" else "cw"
+            driven = "acw" if direction == "cw" else "cw"
             doubts.append(
-                f"about the tool's x axis, which is the normal, the robot moved {other}, and the run is labelled "
-                f"{direction}: correct it with rig relabel RUN --direction {other}, or turn robot.tool by 180° about z"
+                f"about the tool's x axis, which is the normal, the robot moved {driven}, and the run is labelled "
+                f"{direction}: correct it with rig relabel RUN --direction {driven}, or turn robot.tool by 180° about z"
             )
         return sign
     if went:
         return labelled * went
     doubts.append("the robot went both ways alike, so that the sign of the normal is a guess: check it")
-    return float(np.sign(circle.n @ (_unit(known.normal) if known else [0.0, 0.0, 1.0])) or 1.0)
+    return float(np.sign(circle.n @ (_unit(declared.normal) if declared else [0.0, 0.0, 1.0])) or 1.0)
 
 
 def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     """What is to be said of how the tool was held, against how a circle test holds it."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    held = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
-    turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ held)
+    nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
+    turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ nominal)
     mean = turn.mean()
     off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
     if off < _HELD_RAD and spread < np.degrees(_HELD_RAD):
@@ -203,20 +203,28 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
     arm = arm_of(rig.robot)
     for motion in motions:
-        _check_moved(motion)
+        if not np.isfinite(motion.q).all():
+            row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
+            raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
+        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
+            raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
     bins = binned(motions, arm)
     where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
-    found, tolerance = _driven(points, run)
-    if is_jogged(bins, found):
+    # A bent circle only where it is followed much further than a round one.
+    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
+    path_circle, tolerance = true, DRIVEN
+    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
+        path_circle, tolerance = bent, BENT
+    if is_jogged(bins, path_circle):
         return _of_stands(circle_through_stands(arm, bins, where), motions, rig)
     stood = len(distinct(bins.places[bins.stand_rows]))
-    if found is None:
-        found, tolerance = find_circle(points, run, LED), LED
-    if found is None:
-        found, tolerance = _short_arc(points, stood, where), _SHORT
-    _check_one_circle(found, tolerance, points, run, motions, rig)
-    on, circle = on_circle(bins, found.circle, tolerance, where)
+    if path_circle is None:
+        path_circle, tolerance = find_circle(points, run, LED), LED
+    if path_circle is None:
+        path_circle, tolerance = _short_arc(points, stood, where), _SHORT
+    _check_one_circle(path_circle, tolerance, points, run, motions, rig)
+    on, circle = on_circle(bins, path_circle.circle, tolerance, where)
     result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
         u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
@@ -225,17 +233,16 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     return result
 
 
-def _driven(points: Array, run: Integers) -> tuple[FoundCircle | None, Tolerance]:
-    """The circle of a path (k, 3) mm: a bent one only where it is followed much further than a round one."""
-    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
-    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
-        return bent, BENT
-    return true, DRIVEN
-
-
 def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    own = _longest(fit.circle, bins, on)
-    start = start_of(fit.circle, bins.T[own], bins.q[own], motions[bins.run[own][0]].direction, rig.tests.circle)
+    # The stretch on the circle that goes furthest around it; a pause where a program turns back does not end it.
+    rows = np.flatnonzero(on)
+    off_path = deviations(fit.circle, bins.places).largest > DRIVEN.at(fit.circle.radius) * _NEAR
+    number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == piece] for piece in np.unique(number)]
+    longest = max(pieces, key=lambda piece: float(np.ptp(fit.circle.angle(bins.places[piece]))))
+    start = start_of(
+        fit.circle, bins.T[longest], bins.q[longest], motions[bins.run[longest][0]].direction, rig.tests.circle
+    )
     doubts = _doubts(motions)
     if fit.wild:
         doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
@@ -266,7 +273,7 @@ def _result(
     normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
     tangent = np.cross(start.circle.n, start.at)
     u_zero = float(np.sqrt(tangent @ centre_cov @ tangent)) / fitted.radius
-    found = DrivenCircle(
+    driven = DrivenCircle(
         start.circle,
         centre_cov,
         normal_cov,
@@ -278,11 +285,11 @@ def _result(
         used,
         (*doubts, *start.doubts),
     )
-    largest = max(float(found.u_centre_mm.max()), found.u_radius_mm)
+    largest = max(float(driven.u_centre_mm.max()), driven.u_radius_mm)
     if 2 * largest > _GAUGE_MM:
         what = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
         raise FileError(where, what, _LONGER)
-    return found
+    return driven
 
 
 def _where(motions: Sequence[RobotMotion]) -> str:
@@ -292,14 +299,6 @@ def _where(motions: Sequence[RobotMotion]) -> str:
 def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
     named = len(motions) > 1
     return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
-
-
-def _check_moved(motion: RobotMotion) -> None:
-    if not np.isfinite(motion.q).all():
-        row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
-        raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
-        raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
 
 
 def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
@@ -329,17 +328,22 @@ def _length(points: Array) -> float:
 
 
 def _check_one_circle(
-    found: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, motions: Sequence[RobotMotion], rig: Rig
+    path_circle: FoundCircle,
+    tolerance: Tolerance,
+    points: Array,
+    run: Integers,
+    motions: Sequence[RobotMotion],
+    rig: Rig,
 ) -> None:
     """Raises FileError where the rest of a path (k, 3) mm is another circle."""
-    first = found.circle
-    rest = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
-    if rest.sum() < 10:
+    first = path_circle.circle
+    off_first = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
+    if off_first.sum() < 10:
         return
     # A path that comes back from the first circle is not one with where it left.
-    pieces = np.cumsum(np.diff(rest, prepend=False) | (np.diff(run, prepend=0) != 0))
-    second = find_circle(points[rest], pieces[rest], DRIVEN)
-    if second is None or second.turned_rad < _SECOND * found.turned_rad:
+    pieces = np.cumsum(np.diff(off_first, prepend=False) | (np.diff(run, prepend=0) != 0))
+    second = find_circle(points[off_first], pieces[off_first], DRIVEN)
+    if second is None or second.turned_rad < _SECOND * path_circle.turned_rad:
         return
     where = _where(motions)
     for motion in motions:
@@ -352,9 +356,9 @@ def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
     """Raises FileError where a joint goes further between two rows than before and after by far."""
     steps = np.abs(np.diff(motion.q, axis=0))
     beside = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
-    alone = np.where((steps > _JUMP_RAD) & (steps > _ALONE * beside), steps, 0.0)
-    row, axis = np.unravel_index(alone.argmax(), alone.shape)
-    if alone[row, axis]:
+    jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * beside), steps, 0.0)
+    row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
+    if jumps[row, axis]:
         moved = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
         what = f"{moved} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
         raise FileError(motion.where, what, "check the feedback, and record the circle again without a jump")
@@ -362,16 +366,3 @@ def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
 
 def _placed(circle: CircleFrame) -> str:
     return f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"
-
-
-def _longest(circle: CircleFrame, bins: Binned, on: Mask) -> Mask:
-    """The bins (n,) of the stretch on the circle that goes furthest around it."""
-    rows = np.flatnonzero(on)
-    # A pause where a program turns back does not end a stretch.
-    left = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * _NEAR
-    number = np.cumsum(left | (np.diff(bins.run, prepend=0) != 0))[rows]
-    pieces = [rows[number == one] for one in np.unique(number)]
-    own = max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
-    chosen = np.zeros(len(on), dtype=bool)
-    chosen[own] = True
-    return chosen

@@ -58,23 +58,23 @@ class StoodCircle:
 
 def distinct(places: Array) -> Array:
     """The places (k, 3) mm among places (m, 3) mm that are apart from each other."""
-    found: list[Array] = []
+    apart: list[Array] = []
     for place in places:
-        if all(np.linalg.norm(place - other) > _APART_MM for other in found):
-            found.append(place)
-    return np.array(found).reshape(-1, 3)
+        if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
+            apart.append(place)
+    return np.array(apart).reshape(-1, 3)
 
 
-def is_jogged(bins: Binned, found: FoundCircle | None) -> bool:
+def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
     """Whether the robot was jogged from point to point of a circle, and did not drive the one that its path shows.
 
     Between the points of a jog the path leaves the circle through them; a person also stands where the robot is at
     home, and a program where it turns back."""
     places = distinct(bins.places[bins.stand_rows])
-    if len(places) < 3 or found is None:
+    if len(places) < 3 or path_circle is None:
         return len(places) > 2
     if len(places) == 3:  # on a circle wherever they are
-        return int((deviations(found.circle, places).largest < _OFF_MM).sum()) < 2
+        return int((deviations(path_circle.circle, places).largest < _OFF_MM).sum()) < 2
     together = on_one_circle(places)
     circle = nearest_circle(places[together])
     if together.sum() < _FEWEST or circle is None:
@@ -91,8 +91,8 @@ def on_one_circle(places: Array) -> Mask:
     centre, normal, radius = circles_through(places[triples])
     off = largest_deviations(places, centre, normal, radius)
     near = off < _OFF_MM
-    worth = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
-    together: Mask = near[int(worth.argmax())]
+    score = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
+    together: Mask = near[int(score.argmax())]
     return together
 
 
@@ -102,8 +102,8 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])
-    others = len(q) - int(together.sum())
-    if together.sum() < _FEWEST or others > _OTHERS * len(q):
+    off_circle = len(q) - int(together.sum())
+    if together.sum() < _FEWEST or off_circle > _OTHERS * len(q):
         together[:] = True
     q, T = q[together], T[together]
     places = T[:, :3, 3]
@@ -120,10 +120,12 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
         )
         raise FileError(where, what, "record only stands on the circle, or the circle itself without stops")
     free = 2 * (len(places) - 3)
-    left = float((away.radial**2).sum() + (away.axial**2).sum())
-    scatter_mm, doubts = scatter(left, free, _within(bins))
+    squares = float((away.radial**2).sum() + (away.axial**2).sum())
+    scatter_mm, doubts = scatter(
+        squares, free, float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
+    )
     if not together.all():
-        doubts = (*doubts, f"{others} stands are not used because they lie off the circle of the others")
+        doubts = (*doubts, f"{off_circle} stands are not used because they lie off the circle of the others")
     design = away.design
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     return StoodCircle(circle, T, q, covariance, doubts)
@@ -138,11 +140,6 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
 
     return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
-
-
-def _within(bins: Binned) -> float:
-    """Root mean square in mm of how places move in one coordinate while the robot stands."""
-    return float(np.sqrt(np.mean([bins.places[one.settled].var(axis=0).mean() for one in bins.stands])))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -201,26 +198,26 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         what = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
         raise FileError(where, what, "stand at more places all over the hemisphere, a second at each")
     near = _near_one_sphere(places, g_mm)
-    others = len(q) - int(near.sum())
+    off_sphere = len(q) - int(near.sum())
     q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
     x, design = _sphere(places, g_mm)
-    left = _off(places, g_mm, x)
+    residual = _off(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
         raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
-    if np.abs(left).max() > _OFF_BALL_MM:
-        worst = int(np.abs(left).argmax())
-        what = f"stand {worst + 1} of {len(left)} lies {abs(left[worst]):.1f} mm off one sphere about the ball"
+    if np.abs(residual).max() > _OFF_BALL_MM:
+        worst = int(np.abs(residual).argmax())
+        what = f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm off one sphere about the ball"
         raise FileError(where, what, "record only stands at which the link or the ball held the tool")
-    scatter_mm, more = scatter(float((left**2).sum()), len(left) - 4, float(np.sqrt(np.mean(within**2))))
+    scatter_mm, more = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stands on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
         what = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
         raise FileError(where, what, "stand at places further apart, all over the hemisphere")
-    said = tuple(doubt for one in doubts for doubt in one) + more
-    if others:
-        said = (*said, f"{others} stands are not used because they lie off the sphere of the others")
-    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, said)
+    notes = tuple(doubt for of_run in doubts for doubt in of_run) + more
+    if off_sphere:
+        notes = (*notes, f"{off_sphere} stands are not used because they lie off the sphere of the others")
+    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
 
 
 def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
@@ -236,14 +233,14 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
         data = align(path, run, rig)
         t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
     except FileError as error:
-        t_s, q, said = robot_alone(path, run)
+        t_s, q, alone_doubts = robot_alone(path, run)
         g_mm = np.zeros((len(t_s), 1))
-        doubts = (*said, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
+        doubts = (*alone_doubts, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
     stands = stands_of(t_s, q, g_mm)
     arm = arm_of(rig.robot)
-    within = [forward(arm, q[one.settled])[:, :3, 3].std(axis=0).mean() for one in stands]
-    angles = np.array([one.q for one in stands]).reshape(-1, 6)
-    return (angles, np.array([one.g_mm[0] for one in stands]), np.array(within)), doubts
+    within = [forward(arm, q[stand.settled])[:, :3, 3].std(axis=0).mean() for stand in stands]
+    angles = np.array([stand.q for stand in stands]).reshape(-1, 6)
+    return (angles, np.array([stand.g_mm[0] for stand in stands]), np.array(within)), doubts
 
 
 def _near_one_sphere(places: Array, g_mm: Array) -> Mask:
@@ -271,8 +268,8 @@ def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
     x = np.linalg.lstsq(algebraic, (from_middle**2).sum(axis=1), rcond=None)[0]
     x = np.append(middle + x[:3], np.sqrt(max(x[3] + x[:3] @ x[:3], 1.0)))
     for _ in range(_ROUNDS):
-        design, left = _slopes(places, g_mm, x)
-        x = x + np.linalg.lstsq(design, left, rcond=None)[0]
+        design, residual = _slopes(places, g_mm, x)
+        x = x + np.linalg.lstsq(design, residual, rcond=None)[0]
     return x, _slopes(places, g_mm, x)[0]
 
 

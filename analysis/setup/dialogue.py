@@ -71,9 +71,9 @@ class Dialogue:
             self.screen.flush()
             if self._has_typed():
                 return self._typed()
-            if (found := happened()) is not None:
+            if (event := happened()) is not None:
                 self.screen.write("\n")
-                return found
+                return event
 
     def _has_typed(self) -> bool:
         """Wait a moment for a line: a Ctrl-C that comes just before an endless wait would go unnoticed."""

@@ -10,9 +10,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from analysis.setup.answers import Answers
+from analysis.setup.answers import Answers, Options, checked, has_keys, key_error, with_keys, written
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked, has_keys, key_error, with_keys, written
 from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts, ports_here, search
 from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge
@@ -36,7 +35,11 @@ _SIDES = {"g1": "+", "g2": "-"}
 def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Find the gauges, learn which is which, and say it."""
     gauges = answers.gauges
-    if gauges is None or options.places or not _have_keys(gauges, options):
+    if (
+        gauges is None
+        or options.places
+        or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
+    ):
         chosen = _chosen(_found(options, dialogue), options, dialogue)
         gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
     for name, gauge in zip(_NAMES, gauges, strict=False):
@@ -48,11 +51,6 @@ def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
     return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and counts {gauge.counts}"
-
-
-def _have_keys(gauges: Sequence[Gauge], options: Options) -> bool:
-    """Whether the gauges that were found before have the keys that are given now."""
-    return all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -83,21 +81,21 @@ def ports_of(options: Options) -> list[str]:
 
 def _ports(options: Options, dialogue: Dialogue) -> list[str]:
     """The ports that a person has agreed to: at anything but a gauge a request may be taken for a command."""
-    here = ports_here()
-    if (named := ports_of(options)) or (dialogue.terminal and not here):
+    ports = ports_here()
+    if (named := ports_of(options)) or (dialogue.terminal and not ports):
         return named
-    for number, (port, description) in enumerate(here.items(), 1):
+    for number, (port, description) in enumerate(ports.items(), 1):
         dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(here)))
+    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(ports)))
 
 
-def _selected(here: Sequence[str], typed: str) -> list[str]:
+def _selected(ports: Sequence[str], typed: str) -> list[str]:
     if typed.lower() == "all":
-        return list(here)
+        return list(ports)
     numbers = typed.replace(",", " ").split()
-    if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(here) for number in numbers):
-        raise FileError(repr(typed), f"is not numbers from 1 to {len(here)}", "type them as 1,2, or type all")
-    return [here[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
+    if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(ports) for number in numbers):
+        raise FileError(repr(typed), f"is not numbers from 1 to {len(ports)}", "type them as 1,2, or type all")
+    return [ports[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
@@ -106,12 +104,12 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
     if not report.gauges:
         return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
     lines = []
-    for found in report.gauges:
-        unit = "% of its range" if found.lacks else "mm"
-        also = f"; fits {', '.join(found.also)} as well" if found.also else ""
-        lines.append(f"  {numbers[found.place]} {found.place}")
-        kind = f"{found.gauge.interface}, {found.gauge.line}, {found.rate_hz:.0f} readings a second"
-        lines.append(f"      {kind}: {found.reading_mm:+.4f} {unit}{also}")
+    for gauge in report.gauges:
+        unit = "% of its range" if gauge.lacks else "mm"
+        also = f"; fits {', '.join(gauge.also)} as well" if gauge.also else ""
+        lines.append(f"  {numbers[gauge.place]} {gauge.place}")
+        kind = f"{gauge.gauge.interface}, {gauge.gauge.line}, {gauge.rate_hz:.0f} readings a second"
+        lines.append(f"      {kind}: {gauge.reading_mm:+.4f} {unit}{also}")
     return lines
 
 
@@ -121,41 +119,41 @@ def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         ports = _ports(options, dialogue)
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
-        found = [gauge for report in reports for gauge in report.gauges]
-        numbers = {gauge.place: number for number, gauge in enumerate(found, 1)}
+        gauges = [gauge for report in reports for gauge in report.gauges]
+        numbers = {gauge.place: number for number, gauge in enumerate(gauges, 1)}
         for report in reports:
             for line in describe_port(report, numbers):
                 dialogue.say(line)
-        if len(found) > 1 or options.places or (found and not dialogue.terminal):
-            return found
-        what = "one answers" if found else "none answers" if reports else "no serial port is plugged in"
+        if len(gauges) > 1 or options.places or (gauges and not dialogue.terminal):
+            return gauges
+        problem = "one answers" if gauges else "none answers" if reports else "no serial port is plugged in"
         remedy = "plug it in and switch it on, or name its port: --port PORT"
         if not dialogue.terminal:
-            raise CellError("gauges", what, remedy)
-        dialogue.say(f"gauges: {what}; {remedy}")
-        prompt = "Enter looks again" + ("; 1 goes on with this one alone: " if found else ": ")
-        if dialogue.line(prompt) == "1" and found:
-            return found
+            raise CellError("gauges", problem, remedy)
+        dialogue.say(f"gauges: {problem}; {remedy}")
+        prompt = "Enter looks again" + ("; 1 goes on with this one alone: " if gauges else ": ")
+        if dialogue.line(prompt) == "1" and gauges:
+            return gauges
 
 
-def _chosen(found: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
-    by_place = {gauge.place: gauge for gauge in found}
+    by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
         return [_at(place, by_place) for place in options.places]
-    if not dialogue.terminal and len(found) == 1:
-        return list(found)
+    if not dialogue.terminal and len(gauges) == 1:
+        return list(gauges)
     if not dialogue.terminal:
         where = ", ".join(by_place)
-        raise FileError("gauges", f"{len(found)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
-    with Watch(found) as watch:
-        left = {str(number): gauge for number, gauge in enumerate(found, 1)}
-        first = _pushed("g1", left, watch, dialogue)
-        if not left or (
-            len(left) == 1 and "counts" not in first.gauge.model_fields_set
+        raise FileError("gauges", f"{len(gauges)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
+    with Watch(gauges) as watch:
+        remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
+        first = _pushed("g1", remaining, watch, dialogue)
+        if not remaining or (
+            len(remaining) == 1 and "counts" not in first.gauge.model_fields_set
         ):  # typed, so no finger is there
-            return [first, *left.values()]
-        return [first, _pushed("g2", left, watch, dialogue)]
+            return [first, *remaining.values()]
+        return [first, _pushed("g2", remaining, watch, dialogue)]
 
 
 def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
@@ -168,28 +166,28 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
 
-def _pushed(name: str, left: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
+def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
     """Take the gauge that is pushed, or whose number is typed, from those left, by their numbers in the list.
 
     A push says how it counts as well: a plunger goes in as the tool comes towards the ball.
     """
-    numbers = {gauge.place: number for number, gauge in left.items()}
+    numbers = {gauge.place: number for number, gauge in remaining.items()}
     while True:
         watch.rest()
-        other = "press Enter" if len(left) == 1 else "type its number"
-        dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {other}:")
+        otherwise = "press Enter" if len(remaining) == 1 else "type its number"
+        dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
         answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
-        number = numbers.get(answer, answer) or (next(iter(left)) if len(left) == 1 else "")
+        number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"
             grew = "grows" if counts == "towards" else "falls"
             dialogue.say(f"{name}: {answer}; its reading {grew} as it is pushed in, so it counts {counts}")
-            found = left.pop(number)
-            return replace(found, gauge=found.gauge.model_copy(update={"counts": counts}))
-        if number in left:
-            dialogue.say(f"{name}: {left[number].place}; it was not pushed, so it is taken to count away")
-            return left.pop(number)
-        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(left)}, or push it")
+            gauge = remaining.pop(number)
+            return replace(gauge, gauge=gauge.gauge.model_copy(update={"counts": counts}))
+        if number in remaining:
+            dialogue.say(f"{name}: {remaining[number].place}; it was not pushed, so it is taken to count away")
+            return remaining.pop(number)
+        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
 
 
 def _readings(watch: Watch, numbers: dict[str, str]) -> str:
@@ -199,14 +197,16 @@ def _readings(watch: Watch, numbers: dict[str, str]) -> str:
     return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
 
 
-def _completed(found: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
+def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
     """The gauge with the keys that only its owner knows, and those of --key."""
     keys = dict(options.keys[name])
-    for key in found.lacks:
+    for key in answering.lacks:
         if key not in keys:
-            read = partial(_key, name, key, found.gauge)
-            keys[key] = dialogue.ask(f"{key} of {name} ({found.gauge.origin.instruments})", f"--key {name}.{key}", read)
-    gauge: Gauge = with_keys(Gauge, found.gauge, keys, name)
+            read = partial(_key, name, key, answering.gauge)
+            keys[key] = dialogue.ask(
+                f"{key} of {name} ({answering.gauge.origin.instruments})", f"--key {name}.{key}", read
+            )
+    gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
     return gauge
 
 
@@ -230,9 +230,9 @@ def hold_baseline_mm(value: float, where: str) -> float:
     """Return the distance between two gauges in mm. Raises FileError for one that no two gauges have."""
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
-        what = (
+        problem = (
             f"is nearer than two gauges stand: their bodies alone are {_BODY_MM:g} mm thick, and at {value:g} mm an "
             f"angle of 1 mrad is {turned_mm:.2g} mm between them"
         )
-        raise FileError(where, what, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")
+        raise FileError(where, problem, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")
     return value

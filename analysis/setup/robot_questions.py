@@ -1,4 +1,5 @@
-"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at."""
+"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at: from its joints
+and the nominal arm, one pose says all of it."""
 
 from __future__ import annotations
 
@@ -9,19 +10,45 @@ from functools import partial
 from textwrap import fill
 from typing import Any
 
-from analysis.setup.answers import Answers
-from analysis.setup.arms import chosen_arm
-from analysis.setup.circle import circle_from_start
+import numpy as np
+
+from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.setup.answers import Answers, Options, checked, has_keys, with_keys
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked, has_keys, with_keys
+from analysis.setup.rig_text import chosen_arm
 from daq.discovery import RobotReport, joints_of, search_robot
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
 from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
-from rigs.schema.robot import Pose
+from rigs.schema.part import Vector
+from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import maker_of
+
+
+def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
+    """Return the circle that begins at these joint angles.
+
+    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/conventions.md).
+    """
+    T = forward(arm_of(robot), np.radians([joints_deg]))[0]
+    towards, normal = T[:3, 2], T[:3, 0]
+    return Circle(
+        centre_mm=_vector(T[:3, 3] + radius_mm * towards, 3),
+        normal=_vector(normal, 6),
+        zero=_vector(-towards, 6),
+        radius_mm=radius_mm,
+        posture_deg=tuple(round(float(angle), 3) for angle in joints_deg),
+    )
+
+
+def _vector(values: Array, decimals: int) -> Vector:
+    """Three numbers (3,), rounded to what is known of them."""
+    x, y, z = (round(float(value), decimals) + 0.0 for value in values)
+    return x, y, z
+
 
 _COLUMNS = 79
 _MOST_TOLERANCE_MM = 1000.0
@@ -35,8 +62,12 @@ Robot"""
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Find the robot and read its joints, until a person agrees with them."""
-    same = options.robot in (None, answers.robot_address)
-    if answers.feedback is not None and same and has_keys(Feedback, answers.feedback, options.keys["feedback"]):
+    is_same_robot = options.robot in (None, answers.robot_address)
+    if (
+        answers.feedback is not None
+        and is_same_robot
+        and has_keys(Feedback, answers.feedback, options.keys["feedback"])
+    ):
         return answers
     read = partial(_reported, options, dialogue)
     report = read(options.robot) if options.robot is not None else dialogue.ask(_ADDRESS, "--robot", read)
@@ -58,8 +89,8 @@ def describe_robot(report: RobotReport) -> Iterator[str]:
     assert report.feedback is not None  # noqa: S101 - of a robot that was found
     yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
     yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
-    if report.said:
-        yield f"      the controller reports: {report.said}"
+    if report.reported:
+        yield f"      the controller reports: {report.reported}"
 
 
 def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
@@ -99,8 +130,8 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
     )
     question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
-    given = options.arm or answers.arm
-    name = read(given) if given else dialogue.ask(question, "--arm", read)
+    arm_given = options.arm or answers.arm
+    name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
 
 
@@ -114,8 +145,10 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
     tool = _pose(options.tool) if options.tool else answers.tool
     if tool is None:
-        own = chosen_arm(answers.arm or "").robot.tool
-        usual = None if own == Pose() else ",".join(f"{value:g}" for value in (*own.xyz_mm, *own.rpy_deg))
+        arm_tool = chosen_arm(answers.arm or "").robot.tool
+        usual = (
+            None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
+        )
         question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
         tool = dialogue.ask(question, "--tool", _pose, usual)
     return answers.model_copy(update={"tool": tool})

@@ -6,12 +6,10 @@ import datetime as dt
 from pathlib import Path
 from typing import Annotated
 
-from analysis.setup.answers import Answers, forget_answers, keep_answers, kept_in, load_answers
-from analysis.setup.arms import chosen_arm
+from analysis.setup.answers import Answers, Options, checked, forget_answers, keep_answers, kept_in, load_answers
 from analysis.setup.dialogue import Dialogue
 from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
-from analysis.setup.options import Options, checked
-from analysis.setup.rig_text import rig_text
+from analysis.setup.rig_text import chosen_arm, rig_text
 from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tolerance, ask_tool
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -41,8 +39,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     try:
         durable.replace(path, text.encode())  # a power cut leaves no half of it
     except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), what, "free some space; the same command goes on here") from None
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), problem, "free some space; the same command goes on here") from None
     forget_answers(path)
 
 

@@ -210,8 +210,8 @@ class EmulatedRobot:
         try:
             shown = float(states[column](int(value))) if column in states else float(value)
         except ValueError:
-            known = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
-            raise FileError(repr(value), f"is no {column}", f"give {known or 'a number'}") from None
+            states_in_words = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
+            raise FileError(repr(value), f"is no {column}", f"give {states_in_words or 'a number'}") from None
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
@@ -261,7 +261,7 @@ class EmulatedRobot:
         with self._lock:
             self._trace = replace(self._trace, q=self._trace.q + more_rad)
 
-    def _at_rate(self, wanted: float, states: Sequence[State], *, stops: bool = False) -> bool:
+    def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
         """Let the program's time pass at another rate, where the program is in one of these states."""
         now_ns = clock.now_ns()
         state = self.state(now_ns)
@@ -269,7 +269,7 @@ class EmulatedRobot:
             return False
         with self._lock:
             at_s, rate = self._program_s(now_ns)
-            self._pace = _Pace(now_ns, at_s, 0.0 if state == "waits" else rate, wanted)
+            self._pace = _Pace(now_ns, at_s, 0.0 if state == "waits" else rate, new_rate)
             self._stopped = stops
         return True
 

@@ -21,7 +21,7 @@ from analysis.geometry.programs import (
     repeatability_program,
 )
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
+from analysis.model.predict import SetUp, model_of, nominal_setup, path_of, predict
 from analysis.simulation.iso9283 import simulated_cube, simulated_path
 from analysis.simulation.touches import simulated_touches
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable, Table
@@ -74,11 +74,22 @@ def simulate(
         return with_values(program, predict(model, program, path_of(model, program), setup))
     noise = noise or Noise()
     rng = np.random.default_rng(seed)
-    model, setup = _scattered(model, setup, noise, rng)
+    # Joints and ball a little off, differently in each run.
+    off = rng.normal(0.0, noise.scatter_deg, 6)
+    scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
+    ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
+    model, setup = replace(model, effects=(*model.effects, *scatter)), replace(setup, ball=ball)
     values = predict(model, program, path_of(model, program), setup)
     white = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])[: values.shape[1]]
     values = values + rng.normal(0.0, 1.0, values.shape) * white
-    return with_values(program, values + _wander(program.t_s, noise, rng)[:, None])
+    # Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process.
+    kept = np.exp(-np.diff(program.t_s, prepend=program.t_s[0] - 1e9) / noise.wander_s)
+    kicks = rng.normal(0.0, noise.wander_mm, len(program.t_s)) * np.sqrt(1 - kept**2)
+    steps = zip(kept.tolist(), kicks.tolist(), strict=True)
+    levels = accumulate(steps, lambda level, step: step[0] * level + step[1], initial=0.0)
+    return with_values(
+        program, values + np.fromiter(islice(levels, 1, None), dtype=float, count=len(program.t_s))[:, None]
+    )
 
 
 def readings_along(rig: Rig, test: TestName, t_s: Array, q: Array) -> Array:
@@ -142,20 +153,3 @@ def _repeatability_table(rig: Rig) -> RepeatabilityTable:
 def _visits(count: int) -> Array:
     """Times (count,) s of readings at targets."""
     return np.linspace(0.0, _DWELL_S * (count - 1), count)
-
-
-def _scattered(model: Model, setup: SetUp, noise: Noise, rng: np.random.Generator) -> tuple[Model, SetUp]:
-    """Joints and ball a little off, differently in each run."""
-    off = rng.normal(0.0, noise.scatter_deg, 6)
-    scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
-    ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
-    return replace(model, effects=(*model.effects, *scatter)), replace(setup, ball=ball)
-
-
-def _wander(t_s: Array, noise: Noise, rng: np.random.Generator) -> Array:
-    """Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process."""
-    kept = np.exp(-np.diff(t_s, prepend=t_s[0] - 1e9) / noise.wander_s)
-    kicks = rng.normal(0.0, noise.wander_mm, len(t_s)) * np.sqrt(1 - kept**2)
-    steps = zip(kept.tolist(), kicks.tolist(), strict=True)
-    levels = accumulate(steps, lambda level, step: step[0] * level + step[1], initial=0.0)
-    return np.fromiter(islice(levels, 1, None), dtype=float, count=len(t_s))

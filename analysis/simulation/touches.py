@@ -14,7 +14,7 @@ import numpy as np
 from analysis.geometry.rigid import moved_by
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
 from analysis.measures.touch import SEAT_MM
-from analysis.model.predict import Model, model_of, moved, path_of
+from analysis.model.predict import model_of, moved, path_of
 from analysis.traces.tables import TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -57,7 +57,10 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     places = sockets + rng.normal(0.0, 1.0, sockets.shape) * scatter
     arm = _with_ball(model.arm, touch_of(rig))
     for _ in range(_STEPS):
-        away = places - _balls(model, arm, table)
+        # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
+        with_ball = replace(model, arm=arm)
+        path = path_of(with_ball, table)
+        away = places - np.asarray(moved(with_ball, path).T[path.rows, :3, 3])
         if np.abs(away).max() < _THERE_MM:
             break
         _, jacobian = forward_and_jacobian(arm, table.q)
@@ -82,8 +85,12 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     count = -(-touch.touches // len(touch.sockets))
     where: dict[str, Array] = {}
     for socket in touch.sockets:
-        known = _known_to(socket, where, touch)
-        place, postures = _somewhere(arm, count, rng, rig.name, known)
+        # The sockets that have a place (3,) mm and a distance in mm from this one that is known.
+        pairs = {frozenset(stated.between): stated.distance_mm for stated in touch.distances}
+        distances = [
+            (place, pairs[pair]) for placed, place in where.items() if (pair := frozenset((socket, placed))) in pairs
+        ]
+        place, postures = _somewhere(arm, count, rng, rig.name, distances)
         where[socket] = place
         q.append(postures)
         places += [place] * count
@@ -93,38 +100,32 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     return TouchTable(np.array(names), order, order + swing), np.array(places)
 
 
-def _known_to(socket: str, where: dict[str, Array], touch: Touch) -> list[tuple[Array, float]]:
-    """The sockets that have a place (3,) mm and a distance in mm from this one that is known."""
-    pairs = {frozenset(one.between): one.distance_mm for one in touch.distances}
-    return [(place, pairs[pair]) for other, place in where.items() if (pair := frozenset((socket, other))) in pairs]
-
-
-def _at_distances(at: Array, known: Sequence[tuple[Array, float]]) -> Array:
+def _at_distances(at: Array, distances: Sequence[tuple[Array, float]]) -> Array:
     """Places (n, 3) mm moved to where they have the distances that are known, those that can."""
-    for _ in range(_STEPS if known else 0):
-        away = at[:, None] - np.array([place for place, _ in known])
+    for _ in range(_STEPS if distances else 0):
+        away = at[:, None] - np.array([place for place, _ in distances])
         apart = np.linalg.norm(away, axis=2)
-        off = np.array([distance for _, distance in known]) - apart
+        off = np.array([distance for _, distance in distances]) - apart
         at = at + np.einsum("nij,nj->ni", np.linalg.pinv(away / apart[..., None]), off)
-    left = [np.abs(np.linalg.norm(at - place, axis=1) - distance) for place, distance in known]
-    return at[np.max(left, axis=0) < _THERE_MM] if known else at
+    misses = [np.abs(np.linalg.norm(at - place, axis=1) - distance) for place, distance in distances]
+    return at[np.max(misses, axis=0) < _THERE_MM] if distances else at
 
 
 def _somewhere(
-    arm: Arm, count: int, rng: np.random.Generator, where: str, known: Sequence[tuple[Array, float]]
+    arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
     """A place (3,) mm for a socket with these distances from others, and postures (count, axes) rad in which the ball
     is there."""
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]
-    at = _at_distances(free, known)
+    at = _at_distances(free, distances)
     share = np.linalg.norm(at - base, axis=1) / np.linalg.norm(free - base, axis=1).max()
     for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (at[:, 2] > base[2])]:
         postures = _postures_at(arm, place, count, rng)
         if len(postures) == count:
             return place, postures
-    remedy = "check tests.touch.distances, and limits_deg" if known else "check limits_deg"
+    remedy = "check tests.touch.distances, and limits_deg" if distances else "check limits_deg"
     raise FileError(f"rig {where}", "the arm has no place for a socket with enough postures", remedy)
 
 
@@ -132,28 +133,21 @@ def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -
     """Postures (at most count, axes) rad in which the tool is at a place (3,) mm, whichever way it points."""
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
-    found = np.empty((0, arm.axes))
+    postures = np.empty((0, arm.axes))
     for _ in range(_TRIES):
         q = rng.uniform(low, high, (_POSTURES, arm.axes))
         for _ in range(_STEPS):
             T, jacobian = forward_and_jacobian(arm, q)
             step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian[:, :3]), place - T[:, :3, 3])
             q = q + np.clip(step, -_LARGEST_RAD, _LARGEST_RAD)
-        there = np.linalg.norm(forward(arm, q)[:, :3, 3] - place, axis=1) < _THERE_MM
-        kept = q[there & (q > low + free).all(axis=1) & (q < high - free).all(axis=1)]
-        found = np.concatenate([found, kept])
-        if len(found) >= count:
+        at_place = np.linalg.norm(forward(arm, q)[:, :3, 3] - place, axis=1) < _THERE_MM
+        kept = q[at_place & (q > low + free).all(axis=1) & (q < high - free).all(axis=1)]
+        postures = np.concatenate([postures, kept])
+        if len(postures) >= count:
             break
-    return found[:count]
+    return postures[:count]
 
 
 def _with_ball(arm: Arm, touch: Touch) -> Arm:
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     return replace(arm, T_flange_tool=arm.T_flange_tool @ ball)
-
-
-def _balls(model: Model, arm: Arm, table: TouchTable) -> Array:
-    """Where a model has the ball (n, 3) mm of each touch, on the tool of an arm."""
-    with_ball = replace(model, arm=arm)
-    path = path_of(with_ball, table)
-    return np.asarray(moved(with_ball, path).T[path.rows, :3, 3])

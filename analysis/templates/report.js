@@ -21,7 +21,7 @@ function painted(picture, colours, ink, step) {
     shade ? { ...shape, fillcolor: "#f2c14e" } : { ...shape, line: { ...shape.line, color: ink.quiet } });
   const layout = {
     ...given, shapes, height: picture.height, autosize: true,
-    margin: { l: 60, r: 20, t: given.annotations?.length ? 42 : 24, b: 50 },
+    margin: { l: 60, r: 20, t: given.annotations?.length ? 54 : 24, b: 50 },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: ink.text, family: "system-ui, sans-serif" },
     legend: { orientation: "h", y: given.polar || given.scene ? -0.08 : -0.22 },

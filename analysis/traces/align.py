@@ -30,6 +30,8 @@ JUMPS_NS = 5e6
 _OFTEN = 0.05
 """Rows left out for gaps of a gauge are reported where they are a larger share than this, or a gap is as long as a
 robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
+_BLOCK = 1 << 14
+"""Rows at a time, so that what is computed of them stays in the processor's cache."""
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _TOGETHER = {
@@ -98,17 +100,18 @@ def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Ali
     rows_ns = gauges[0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
     for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
-        spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
+        begin, end = np.searchsorted(rows_ns, track.ns[0]), np.searchsorted(rows_ns, track.ns[-1], side="right")
+        keep[:begin], keep[end:] = False, False
         gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if track is robot else JUMPS_NS)
-        keep &= spanned & (gaps == 0)
-        gaps = gaps[spanned & (gaps > 0)]
+        keep &= gaps == 0
+        gaps = gaps[begin:end][gaps[begin:end] > 0]
         if are_many(gaps, len(rows_ns)):
             doubts.append(f"{name}: {len(gaps)} rows are left out at gaps")
     if keep.sum() < 2:
         raise FileError(
             str(path), "gauges and robot were never recorded at the same time", "record both through the whole test"
         )
-    rows_ns = rows_ns[keep]
+    rows_ns = rows_ns if keep.all() else rows_ns[keep]
     u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
     own_u_s = _own_u_s(rows_ns, gauges, robot)
     g_mm = _columns_at(rows_ns, gauges)
@@ -127,12 +130,37 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
-    """Values (n, k) of all tracks side by side at the times of the rows (n,), column by column."""
-    columns = [(track.ns, column) for track in tracks for column in track.values.T]
-    at_rows = np.empty((len(rows_ns), len(columns)))
-    for k, (ns, column) in enumerate(columns):
-        at_rows[:, k] = np.interp(rows_ns, ns, column)
+    """Values (n, k) of all tracks side by side at the times of the rows (n,), which each track spans, in blocks."""
+    at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
+    first = 0
+    for track in tracks:
+        columns = slice(first, first := first + track.values.shape[1])
+        if track.values.shape[1] == 1:
+            at_rows[:, first - 1] = (
+                track.values[:, 0] if track.ns is rows_ns else np.interp(rows_ns, track.ns, track.values[:, 0])
+            )
+            continue
+        for begin in range(0, len(rows_ns), _BLOCK):
+            rows = slice(begin, begin + _BLOCK)
+            at_rows[rows, columns] = _values_at(rows_ns[rows], track)
     return at_rows
+
+
+def _values_at(rows_ns: Array, track: _Track) -> Array:
+    """Values (n, k) of a track on the chords between its rows, at times (n,) that increase and that it spans."""
+    begin = max(int(np.searchsorted(track.ns, rows_ns[0], side="right")) - 1, 0)
+    end = int(np.searchsorted(track.ns, rows_ns[-1], side="left")) + 1
+    ns, values = track.ns[begin:end], track.values[begin:end]
+    if len(ns) < 2:
+        return np.broadcast_to(values[:1], (len(rows_ns), values.shape[1]))
+    # Where each row of the track lies among the rows says for all rows between which two they are.
+    passed = np.searchsorted(rows_ns, ns[1:-1], side="left")
+    before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(rows_ns)))
+    share = (rows_ns - ns[before]) / np.diff(ns)[before]
+    chords = np.diff(values, axis=0)[before]
+    chords *= share[:, None]
+    chords += values[before]
+    return chords
 
 
 def are_many(gaps: Array, rows: int) -> bool:
@@ -218,7 +246,7 @@ def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: li
     ns, own_u_s = instants.ns, instants.own_u_s
     if not there.all():
         ns, values, own_u_s = ns[there], values[there], own_u_s[there]
-    if not (np.diff(ns) > 0).all():
+    if not (ns[1:] > ns[:-1]).all():
         order = np.argsort(ns, kind="stable")
         differs = np.diff(ns[order]) > 0
         is_kept = np.append(differs, True) if instants.arrived else np.insert(differs, 0, True)

@@ -22,7 +22,7 @@ from analysis.traces.steady_pace import through_pace
 from analysis.traces.value_changes import changes, repeats
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 
 _HIDDEN_S = 1e-3
 """How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""

@@ -6,6 +6,7 @@ and the circle angle phi is taken from it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from weakref import ref
@@ -14,7 +15,7 @@ import numpy as np
 
 from analysis.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.geometry.programs import circle_of
-from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
+from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward
 from analysis.traces.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
@@ -33,6 +34,8 @@ _TURNS_BACK_RAD = np.radians(20.0)
 """Less is the noise of the feedback, or a program that finds its start."""
 _SEEN = 4000
 """Rows by which turning back and standing still are seen."""
+_COVER = 40_000
+"""Rows by which holes of a lap are seen, which lie closer than a degree's hundredth."""
 _REPORTS_S = 0.002
 """No controller reports oftener than each 2 ms (RTDE of the e-Series); gauges may."""
 _BLOCK = 4096
@@ -78,6 +81,12 @@ class Laps:
         )
 
     @property
+    def without_rows(self) -> Laps:
+        """The same laps with their first row alone, in memory of its own."""
+        rows = {name: getattr(self, name)[:1].copy() for name in ("t_s", "phi", "q", "g_mm")}
+        return replace(self, **rows)
+
+    @property
     def start(self) -> float:
         """Circle angle, rad, at which a lap begins, to the nearest row."""
         return float(self.phi[0])
@@ -87,21 +96,21 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     """All whole laps that a circle table holds in its direction; `where` names the run in errors.
 
     They may follow each other or, since few wrists have two turns to give, with ways back between them. Those of a
-    table that is not long are kept as long as the table, of which each part of a diagnosis asks them. Raises FileError
-    where the robot did not drive the circle that the rig file says."""
+    table that is not long are kept as long as the table, of which each part of a diagnosis asks them, others as long as
+    somebody holds them. Raises FileError where the robot did not drive the circle that the rig file says."""
     key, cell = id(table), (rig.robot, rig.tests.circle)
-    if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell:
-        return kept[2]
+    if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
+        return laps
     laps = _cut_out(table, rig, where)
-    if len(table.q) <= _KEPT_ROWS:
-        _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, laps)
+    held: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
+    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, held)
     return laps
 
 
-_LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Laps]] = {}
+_LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Callable[[], Laps | None]]] = {}
 """The laps of the tables that somebody holds, by the identity of the table, with the arm and the circle they are of."""
 _KEPT_ROWS = 50_000
-"""Longer tables are cut again: a copy of their rows takes more than 5 MB."""
+"""A copy of the rows of a longer table takes more than 5 MB."""
 
 
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
@@ -109,9 +118,12 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     circle = circle_of(rig)
     _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
-    tool = _places(arm_of(rig.robot), table.t_s, table.q)
+    rows_seen = _rows_seen(table.t_s)
+    tool = _places(arm_of(rig.robot), table.q, rows_seen)
     phi = frame.angle(tool)
-    stretches = _on_circle(table.t_s, tool, frame)
+    stretches = _on_circle(table.t_s, tool, frame, rows_seen)
+    if len(rows_seen) < len(table.q):
+        phi = np.interp(np.arange(len(table.q)), rows_seen, phi)
     turned = [float(np.ptp(phi[rows])) for rows in stretches]
     if max(turned, default=0.0) < np.pi:
         _is_this_circle(where, frame, tool, bool(stretches))
@@ -197,27 +209,30 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     return slice(rows.start + begin, rows.start + end), own[begin:end]
 
 
-def _places(arm: Arm, t_s: Array, q: Array) -> Array:
-    """Where the tool is (n, 3) mm; between rows closer than a controller reports, on a chord."""
+def _rows_seen(t_s: Array) -> Integers:
+    """The rows (m,) that are no closer than a controller reports: those between lie on the way from one to the next."""
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(t_s[:_SEEN]))), 1e-9)))
-    rows = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
+    return np.append(np.arange(0, len(t_s) - 1, step), len(t_s) - 1)
+
+
+def _places(arm: Arm, q: Array, rows: Integers) -> Array:
+    """Where the tool is (m, 3) mm in some rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
         places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
-    if step == 1:
-        return places
-    every = np.arange(len(q))
-    return np.stack([np.interp(every, rows, column) for column in places.T], axis=1)
+    return places
 
 
-def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
-    """Rows (n,) while the tool (n, 3) was on the circle, stretch by stretch: not on the way to it or from it, where it
-    may pass any angle. A row or two that jump off belong to their stretch, and are found there."""
-    rows = np.flatnonzero(is_on_circle(tool, frame))
-    if not len(rows):
+def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:
+    """Rows (n,) while the tool, at (m, 3) mm in rows seen (m,), was on the circle, stretch by stretch: not on the way
+    to it or from it, where it may pass any angle. A row or two that jump off belong to their stretch, and are found
+    there."""
+    on = np.flatnonzero(is_on_circle(tool, frame))
+    if not len(on):
         return []
-    left = np.flatnonzero((np.diff(rows) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
-    begins, ends = np.append(rows[0], rows[left + 1]), np.append(rows[left], rows[-1])
+    rows = seen[on]
+    away = np.flatnonzero((np.diff(on) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
+    begins, ends = np.append(rows[0], rows[away + 1]), np.append(rows[away], rows[-1])
     return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
@@ -297,7 +312,8 @@ def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> 
 
 
 def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
-    edges = np.concatenate([[0.0], np.sort(ahead), [2 * np.pi]])
+    some = ahead[:: max(1, len(ahead) // _COVER)]
+    edges = np.concatenate([[0.0], np.sort(some), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))
     usual = float(np.median(gaps))

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array
+from analysis.traces.line_heights import highest_under
 
 TICK_S = 1e-9
 """Stamps of the host count nanoseconds: what advances by less cannot be distinguished from what stands."""
@@ -17,6 +18,8 @@ WINDOW_S = 120.0
 """A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this."""
 _BLOCK = 8
 _BLOCKS = 400
+_HULL_BLOCK = 64
+"""Points of which at first the lowest alone is looked at."""
 _NEIGHBOURS = 9
 _SPREADS = 4.0
 _SHORT_S = 50e-6
@@ -36,7 +39,9 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
     windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _BLOCK)))
     if windows == 1:
         offset, rate = lower_line(*under)
-        return offset + rate * x, low
+        line: Array = rate * x
+        line += offset
+        return line, low
     knots = np.linspace(x[0], x[-1], windows + 1)
     return np.interp(x, knots, _broken(*under, knots)), low
 
@@ -65,8 +70,19 @@ def low_outliers(x: Array, y: Array) -> Mask:
     around = np.median(np.lib.stride_tricks.sliding_window_view(_mirrored(level), _NEIGHBOURS), axis=1)
     spread = float(np.quantile(np.abs(level - around), 0.95))
     level = around - _SPREADS * spread - _SHORT_S
-    low: Mask = y - slope * x < np.concatenate([np.repeat(level, size), np.full(len(x) - blocks * size, level[-1])])
+    low = none.copy()
+    for block in np.flatnonzero(_least_above(x, least, slope, size) < level).tolist():
+        rows = slice(block * size, (block + 1) * size)
+        low[rows] = y[rows] - slope * x[rows] < level[block]
+    rest = slice(blocks * size, None)
+    low[rest] = y[rest] - slope * x[rest] < level[-1]
     return low if low.sum() <= max(3, _FEW * len(x)) else none
+
+
+def _least_above(x: Array, least: Array, slope: float, size: int) -> Array:
+    """What no point of a block (m,) lies below, less the slope: its least, less the larger of the line's two ends."""
+    begins = np.arange(len(least)) * size
+    return np.asarray(least - np.maximum(slope * x[begins], slope * x[begins + size - 1]))
 
 
 def _mirrored(level: Array) -> Array:
@@ -88,7 +104,9 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
     """The corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
-    if not (np.diff(x) > 0).all():
+    if (x[1:] > x[:-1]).all():
+        x, y = _may_be_corners(x, y)
+    else:
         order = np.lexsort((y, x))
         x, y = x[order], y[order]
         once = np.concatenate([[True], np.diff(x) > 0])
@@ -103,31 +121,39 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
     return x, y
 
 
+def _may_be_corners(x: Array, y: Array) -> tuple[Array, Array]:
+    """The points (m,) among which all corners of the hull are, x increasing: those of blocks whose least is not above
+    the hull of all blocks' least points, which is convex and so highest over a block at one of its ends."""
+    blocks = len(x) // _HULL_BLOCK
+    if blocks < _NEIGHBOURS:
+        return x, y
+    kept = np.zeros(len(x), dtype=bool)
+    kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
+    begins = np.arange(blocks) * _HULL_BLOCK
+    lowest = begins + y[: len(begins) * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK).argmin(axis=1)
+    kept[lowest] = True
+    over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
+    kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
+    return x[kept], y[kept]
+
+
 def _broken(x: Array, y: Array, knots: Array) -> Array:
     """Heights (k,) at the knots of the broken line under all points that lies closest to them on average.
 
     A line lies under the points of its window where it lies under the corners of their hull: a small linear program.
     """
-    from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
-    from scipy.sparse import csr_array  # noqa: PLC0415
-
     edges = np.searchsorted(x, knots[1:-1], side="left")
-    corners = []
-    for inside_x, inside_y in zip(np.split(x, edges), np.split(y, edges), strict=True):
-        if len(inside_x):
-            corners.append(lower_hull(inside_x, inside_y))
+    windows = list(zip(np.split(x, edges), np.split(y, edges), strict=True))
+    corners = [lower_hull(*window) for window in windows if len(window[0])]
     corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
-    right, share = _between(corner_x, knots)
-    # The line is as high at a corner as the knots left and right of it, each by its share.
-    knot, weight = np.stack([right - 1, right], axis=1), np.stack([1 - share, share], axis=1)
-    at_corners = csr_array((weight.ravel(), knot.ravel(), 2 * np.arange(len(right) + 1)), (len(right), len(knots)))
-    right, share = _between(x, knots)
-    pull = np.bincount(right, share, len(knots)) + np.bincount(right - 1, 1 - share, len(knots))
-    found = linprog(-pull, at_corners, corner_y, bounds=(None, None), method="highs")  # type: ignore[call-overload]
-    return np.asarray(found.x) if found.success else np.polyval(lower_line(x, y)[::-1], knots)
-
-
-def _between(x: Array, knots: Array) -> tuple[Integers, Array]:
-    """The knot right of each x (n,), and its share in the broken line there."""
-    right = np.clip(np.searchsorted(knots, x), 1, len(knots) - 1)
-    return right, (x - knots[right - 1]) / (knots[right] - knots[right - 1])
+    pull = np.zeros(len(knots))
+    for k, (inside, _) in enumerate(windows):
+        # A point pulls the knots left and right of it, each by its share.
+        share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
+        pull[k : k + 2] += len(inside) - share, share
+    offset, rate = lower_line(corner_x, corner_y)
+    right = np.clip(np.searchsorted(knots, corner_x), 1, len(knots) - 1)
+    share_at = (corner_x - knots[right - 1]) / (knots[right] - knots[right - 1])
+    heights = highest_under(pull, right, share_at, corner_y - offset - rate * corner_x)
+    straight = offset + rate * knots
+    return straight if heights is None else straight + heights

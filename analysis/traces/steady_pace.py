@@ -30,6 +30,8 @@ _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
 then known which; a quarter of a short run at the most."""
 _PAIRS = 100_000
 """Their median is known to a three-hundredth of how much they differ."""
+_BLOCK = 1 << 15
+"""Messages at a time, so that what is computed of them stays in the processor's cache."""
 _STAYS = 0.4
 """A lateness wanders where it differs from each few messages to the next by so much less than in the whole run (von
 Neumann's ratio, 1 for what is independent), …"""
@@ -68,7 +70,7 @@ def through_pace(host_ns: Array) -> FittedClock:
         if apart > _APART[0] and np.array_equal(number, former):
             break
     number = _not_early(number, host_ns, period_ns)
-    fitted = through_clock(number.astype(float) * period_ns / 1e9, host_ns)
+    fitted = through_clock(np.asarray(number * (period_ns / 1e9), dtype=np.float64), host_ns)
     late_ns = host_ns - fitted.ns
     steps_ns = np.abs(np.diff(_least_of_blocks(late_ns, _AHEAD)))
     if fitted.restarts or np.quantile(steps_ns, _MOSTLY) >= _EARLY * period_ns:
@@ -132,11 +134,39 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
     can be seen. There are at least `_AHEAD` arrivals.
     """
+    missing = _missing(_least_delays(host_ns, period_ns), period_ns)
     along = np.arange(len(host_ns), dtype=np.int64)
-    missing = _missing(_least_of_next(host_ns - along * period_ns), period_ns)
+    if not missing.any():
+        return along
     missing = np.pad(missing, (0, _AHEAD - 1), mode="edge")
     # What is missing stays so: a stall longer than the look ahead was none.
-    return along + np.minimum.accumulate(missing[::-1])[::-1]
+    along += np.minimum.accumulate(missing[::-1])[::-1]
+    return along
+
+
+def _least_delays(host_ns: Array, period_ns: float) -> Array:
+    """The least of `_AHEAD` delays against a period in turn, (n - _AHEAD + 1,)."""
+    least = np.empty(len(host_ns) - _AHEAD + 1)
+    for begin in range(0, len(least), _BLOCK):
+        rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
+        least[begin : begin + _BLOCK] = _least_of_next(
+            host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
+        )
+    return least
+
+
+def _changes(least: Array, period_ns: float) -> list[int]:
+    """Rows at which the least delay (n,) differs from those of the `_AHEAD` rows before by a period or more."""
+    changes = []
+    for begin in range(0, len(least), _BLOCK):
+        rows = least[begin : begin + _BLOCK]
+        before = least[max(begin - _AHEAD, 0) : begin + len(rows) - 1]
+        if begin < _AHEAD:
+            before = np.concatenate([np.full(_AHEAD - begin, least[0]), before])
+        over = rows - _least_of_next(before)
+        over /= period_ns
+        changes.append(begin + np.flatnonzero((over >= 1 - _EARLY) | (over < -_EARLY)))
+    return np.concatenate(changes).tolist() if changes else []
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
@@ -146,13 +176,12 @@ def _missing(least: Array, period_ns: float) -> Integers:
     Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
     is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
     """
-    before = np.concatenate([np.full(_AHEAD, least[0]), least[:-1]])
-    rises = np.floor((least - _least_of_next(before)) / period_ns + _EARLY)
     missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
-    for change in np.flatnonzero(rises).tolist():
+    for change in _changes(least, period_ns):
         if change >= done:
             missing[done:change] = count
-            behind = before[change : change + _AHEAD] - count * period_ns
+            before = least[max(change - _AHEAD, 0) : change]
+            behind = np.append(np.full(_AHEAD - len(before), least[0]), before) - count * period_ns
             counts = _counted(least[change:], behind, period_ns)
             done, count = change + len(counts), counts[-1]
             missing[change:done] = counts

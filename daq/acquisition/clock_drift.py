@@ -51,7 +51,9 @@ class DriftMonitor:
                 self._minima.clear()
                 self._begun_s = math.nan
             if host_s - self._begun_s >= _WINDOW_S:
-                self._close()
+                self._minima.append((self._begun_s + _WINDOW_S / 2, self._least))
+                self._late_s = self._most - self._least
+                self._begun_s = math.nan
             if math.isnan(self._begun_s):
                 self._begun_s, self._least, self._most = host_s, offset_s, offset_s
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
@@ -61,11 +63,6 @@ class DriftMonitor:
         if not self._minima:
             return None
         return ClockState(self._minima[-1][1], _drift_ppm(self._minima), self._late_s)
-
-    def _close(self) -> None:
-        self._minima.append((self._begun_s + _WINDOW_S / 2, self._least))
-        self._late_s = self._most - self._least
-        self._begun_s = math.nan
 
 
 def _drift_ppm(minima: Iterable[tuple[float, float]]) -> float | None:

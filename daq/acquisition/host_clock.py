@@ -56,15 +56,15 @@ class HostClockMonitor:
 
     def check(self, now: ClockReadings) -> list[Fault]:
         """Return what has happened to the clocks since then, as faults."""
-        known = self._known
-        slept_ns = (now.boot_ns - known.boot_ns) - (now.monotonic_ns - known.monotonic_ns)
-        set_ns = (now.wall_ns - known.wall_ns) - (now.boot_ns - known.boot_ns)
+        last = self._known
+        slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
+        set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
         details = []
         if slept_ns > _STEP_NS:
             details.append(f"the computer slept for {slept_ns / 1e9:.1f} s and read nothing; switch its suspend off")
         if abs(set_ns) > _STEP_NS:
-            before, after = (_utc(wall_ns) for wall_ns in (now.wall_ns - set_ns, now.wall_ns))
-            details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {before} to {after}")
+            earlier, after = (_utc(wall_ns) for wall_ns in (now.wall_ns - set_ns, now.wall_ns))
+            details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {earlier} to {after}")
         if details:
             self._known = now
         return [Fault(FaultKind.CLOCK, now.monotonic_ns, detail) for detail in details]
@@ -96,8 +96,8 @@ class StallWatch(clock.Thread):
     def note(self, before_ns: int, now_ns: int) -> None:
         """Keep a fault if the thread was asleep for too long between these times."""
         if now_ns - before_ns > STALL_NS:
-            what = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
-            self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{what}; what came meanwhile is stamped late"))
+            detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
+            self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
 
     def take(self) -> list[Fault]:
         """Return the faults since the last call."""

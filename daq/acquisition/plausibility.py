@@ -132,11 +132,13 @@ class PlausibilityCheck:
             return []
         if len(gauge.steps_mm) < HELD_READINGS or jump_mm <= HELD_STEPS * float(np.median(gauge.steps_mm)):
             return []
-        what = (
+        observation = (
             f"showed exactly {gauge.reading:.4f} mm for {seconds:.1f} s while the robot moved {moved_deg:.0f}°, then "
         )
-        what += f"jumped by {jump_mm:.4f} mm"
-        return [_doubtful(now_ns, f"{_name(column)} {what}: was HOLD pressed, or did its cable or display hang?")]
+        observation += f"jumped by {jump_mm:.4f} mm"
+        return [
+            _doubtful(now_ns, f"{_name(column)} {observation}: was HOLD pressed, or did its cable or display hang?")
+        ]
 
     def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
         if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:
@@ -146,8 +148,10 @@ class PlausibilityCheck:
         if seconds < STUCK_S or moved_deg < (STUCK_DEG if gauge.finest_mm < COARSE_MM else COARSE_DEG):
             return []
         gauge.reported = True
-        what = f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
-        return [_doubtful(now_ns, f"{_name(column)} {what}: is its plunger free, is the display on HOLD?")]
+        observation = (
+            f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
+        )
+        return [_doubtful(now_ns, f"{_name(column)} {observation}: is its plunger free, is the display on HOLD?")]
 
     def _intermittent(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         in_error, doubts = self._in_error.setdefault(stream, set()), list[Fault]()
@@ -167,23 +171,23 @@ class PlausibilityCheck:
         if len(times) < TIMES_IN_ERROR or (span_s := (fault.at_ns - times[0]) / 1e9) > IN_ERROR_S:
             return []
         times.clear()
-        what = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({fault.detail})"
-        return [_doubtful(fault.at_ns, f"{what}: does the whole motion lie within its range?")]
+        observation = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({fault.detail})"
+        return [_doubtful(fault.at_ns, f"{observation}: does the whole motion lie within its range?")]
 
 
 def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
     """Where the readings of a gauge go on in another unit."""
     read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
-    known = Samples.joined([gauge.tail, read])
-    gauge.tail = known[-(BEFORE + AFTER - 1) :]
-    if len(known) < BEFORE + AFTER:
+    window = Samples.joined([gauge.tail, read])
+    gauge.tail = window[-(BEFORE + AFTER - 1) :]
+    if len(window) < BEFORE + AFTER:
         return []
-    readings_mm = known.values[:, place]
+    readings_mm = window.values[:, place]
     before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
     larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
     (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few, of which each is looked at
     return [
-        _unit_changed(column, int(known.last_byte_ns[k + BEFORE]), float(before_mm[k]), float(after_mm[k]))
+        _unit_changed(column, int(window.last_byte_ns[k + BEFORE]), float(before_mm[k]), float(after_mm[k]))
         for k in likely
         if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER])
     ]
@@ -205,8 +209,10 @@ def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float
 
 
 def _unit_changed(column: str, at_ns: int, before_mm: float, after_mm: float) -> Fault:
-    what = f"{_name(column)} went from {before_mm:.4f} to {after_mm:.4f} mm, a factor of 25.4, and stays there"
-    return Fault(FaultKind.UNIT_CHANGED, at_ns, f"{what}: did somebody press in/mm? Switch it back, and record again")
+    observation = f"{_name(column)} went from {before_mm:.4f} to {after_mm:.4f} mm, a factor of 25.4, and stays there"
+    return Fault(
+        FaultKind.UNIT_CHANGED, at_ns, f"{observation}: did somebody press in/mm? Switch it back, and record again"
+    )
 
 
 def _of_gauge(read: NDArray[np.bool_], place: int | None) -> NDArray[np.bool_]:

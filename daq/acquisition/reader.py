@@ -115,7 +115,10 @@ class Reader(clock.Thread):
 
     def _deliver(self, items: Sequence[Item]) -> None:
         if self._lost_ns is not None and not all(isinstance(item, Fault) for item in items):
-            self._end_outage(self._lost_ns)
+            lost_ns = self._lost_ns
+            self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
+            self._reasons.clear()
+            self._report(f"{self._stream.port} is back after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
         self._buffer.deliver(items)
 
     def _reopen(self) -> None:
@@ -136,12 +139,6 @@ class Reader(clock.Thread):
             if clock.now_s() >= until:
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
-
-    def _end_outage(self, lost_ns: int) -> None:
-        """End the outage and report how long it was."""
-        self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
-        self._reasons.clear()
-        self._report(f"{self._stream.port} is back after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
 
     def _capture_mark(self, mark: Mark, text: str) -> None:
         if self._capture:

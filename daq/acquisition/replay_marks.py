@@ -41,11 +41,11 @@ class ReplayMarks:
 
     def read_new(self) -> list[tuple[str, Fault]]:
         """Return what was added since the last call: names of streams, and the fault of each."""
-        found = []
+        marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; replay it on a computer that is less busy"
-            found.append((line[1], Fault(FaultKind.OUT_OF_STEP, clock.now_ns(), detail)))
-        return found
+            marks.append((line[1], Fault(FaultKind.OUT_OF_STEP, clock.now_ns(), detail)))
+        return marks
 
     def _lines(self) -> list[str]:
         """Return the complete lines that follow, as many as one call takes; none if the replay, and its file with it,
@@ -57,7 +57,7 @@ class ReplayMarks:
         if size < self._end:  # a replay that starts empties the file
             self._end = 0
             return self._lines()
-        complete, newline, rest = data.rpartition(b"\n")
+        complete, newline, incomplete = data.rpartition(b"\n")
         # So many bytes without an end of a line are no line.
-        self._end += len(data) if len(rest) == _MOST_BYTES else len(complete + newline)
+        self._end += len(data) if len(incomplete) == _MOST_BYTES else len(complete + newline)
         return complete.decode(errors="replace").split("\n")

@@ -111,8 +111,8 @@ class StreamBuffer:
             lost, self._without_room = self._without_room, Counter()
         items, now_ns = packed(taken), clock.now_ns()
         for kind, count in lost.items():
-            what = "samples" if kind is FaultKind.DROPPED else "faults"
-            items.append(Fault(kind, now_ns, f"{count} {what} found no room while the disk was behind", count))
+            items_lost = "samples" if kind is FaultKind.DROPPED else "faults"
+            items.append(Fault(kind, now_ns, f"{count} {items_lost} found no room while the disk was behind", count))
         return items
 
     def beat(self) -> None:
@@ -120,8 +120,10 @@ class StreamBuffer:
         now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
-            what = f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; what came meanwhile is stamped late"
-            self.deliver([Fault(FaultKind.STALLED, now_ns, what)])
+            detail = (
+                f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; what came meanwhile is stamped late"
+            )
+            self.deliver([Fault(FaultKind.STALLED, now_ns, detail)])
 
     @contextmanager
     def opening(self) -> Iterator[None]:
@@ -156,17 +158,11 @@ class StreamBuffer:
         `after`, as far as they are still kept."""
         with self._lock:
             newest, kept = self._counters["samples"], list(self._recent)
-        wanted, found, taken = newest - after, 0, list[Item]()
-        while kept and found < wanted:
+        requested, available, taken = newest - after, 0, list[Item]()
+        while kept and available < requested:
             taken.append(kept.pop())
-            found += size_of(taken[-1])
-        return newest, samples_of(taken[::-1])[-wanted:] if wanted > 0 else []
-
-    def _keep_recent(self, item: Sample | Samples) -> None:
-        self._recent.append(item)
-        self._recent_size += size_of(item)
-        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
-            self._recent_size -= size_of(self._recent.popleft())
+            available += size_of(taken[-1])
+        return newest, samples_of(taken[::-1])[-requested:] if requested > 0 else []
 
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
@@ -177,8 +173,11 @@ class StreamBuffer:
             return
         self._is_faulty = False
         self._counters["samples"] += size_of(item)
-        self._keep_recent(item)
-        if isinstance(item, Samples):
+        self._recent.append(item)
+        self._recent_size += size_of(item)
+        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
+            self._recent_size -= size_of(self._recent.popleft())
+        if type(item) is Samples:
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
@@ -197,7 +196,8 @@ class StreamBuffer:
 
 def size_of(item: Item) -> int:
     """Return how many samples or faults an item is."""
-    return len(item) if isinstance(item, Samples) else 1
+    # By its type: to ask whether a sample is a sequence takes a tenth of what a poll takes.
+    return len(item) if type(item) is Samples else 1
 
 
 def samples_of(items: Sequence[Item]) -> Samples:

@@ -56,17 +56,17 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, the robot last. Raises CellError for one without instruments."""
     if not rig.gauges.recorded:
-        what = "has no gauges and no feedback, so there is nothing to read"
-        raise CellError(rig.name, what, "add both to its rig file; poses of a tracker are imported: rig import")
+        problem = "has no gauges and no feedback, so there is nothing to read"
+        raise CellError(rig.name, problem, "add both to its rig file; poses of a tracker are imported: rig import")
     members = rig.gauges.recorded
-    found = []
+    streams = []
     for names in gauge_groups(rig):
         group = [members[name] for name in names]
         columns, first = tuple(f"{name}_mm" for name in names), group[0]
         host = partial(gauges.host, group)
         dead_s = _dead_s(max(gauge.timeout_s for gauge in group))
-        found.append(Stream("_".join(names), columns, first.port, first.line, host, dead_s, modem=first.modem))
-    return [*found, robot_stream(rig.feedback)]
+        streams.append(Stream("_".join(names), columns, first.port, first.line, host, dead_s, modem=first.modem))
+    return [*streams, robot_stream(rig.feedback)]
 
 
 def robot_stream(robot: Feedback) -> Stream:

@@ -57,18 +57,18 @@ class Attempt:
 def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
     """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""
     candidates = list(_candidates(port, modbus_units))
-    listened = [Attempt(one, one[0].line, "nothing") for one in candidates if _streams(one)]
-    asked = [one for one in candidates if not _streams(one)]
-    declared = [Attempt(one, one[0].line, "requests") for one in asked if _has_line(one)]
+    listened = [Attempt(gauges, gauges[0].line, "nothing") for gauges in candidates if _streams(gauges)]
+    asked = [gauges for gauges in candidates if not _streams(gauges)]
+    declared = [Attempt(gauges, gauges[0].line, "requests") for gauges in asked if _has_line(gauges)]
     if tcp_address(port):
         return declared
-    by_line = sorted(declared, key=lambda attempt: [one.line for one in declared].index(attempt.line))
+    by_line = sorted(declared, key=lambda attempt: [gauges.line for gauges in declared].index(attempt.line))
     # The commonest line settings first, for all that could have them: a port is done at the first that fits.
     usual = [
-        Attempt(one, line, "requests")
+        Attempt(gauges, line, "requests")
         for line in USUAL_LINES
-        for one in asked
-        if not (_has_line(one) and one[0].line == line) and _fits(one, line)
+        for gauges in asked
+        if not (_has_line(gauges) and gauges[0].line == line) and _fits(gauges, line)
     ]
     return [*listened, *by_line, *usual]
 
@@ -80,7 +80,7 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
-    model = next((one for one in models(Gauge) if name_of(one) == fields.get("interface")), None)
+    model = next((candidate for candidate in models(Gauge) if name_of(candidate) == fields.get("interface")), None)
     default = model.model_fields["line"].default if model else None
     first = fields.get("line", str(default) if isinstance(default, Line) else str(USUAL_LINES[0]))
     gauge = _GAUGE.validate_python({**placed, "line": first})
@@ -90,9 +90,9 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 def missing_keys(interface: str) -> list[str]:
     """Return the keys of an interface that only its owner knows: without a default, and not found by trying."""
-    (model,) = (one for one in models(Gauge) if name_of(one) == interface)
-    found = {"interface", "port", "offset_mm", "line"}
-    return [key for key, field in model.model_fields.items() if field.is_required() and key not in found]
+    (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
+    discovered = {"interface", "port", "offset_mm", "line"}
+    return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
@@ -111,7 +111,13 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
             continue
         fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
         for choice in _choices(model):
-            made = {**fields, **choice, "interface": name_of(model), "line": _first_line(model)}
+            default = model.model_fields["line"].default
+            made = {
+                **fields,
+                **choice,
+                "interface": name_of(model),
+                "line": (default if isinstance(default, Line) else USUAL_LINES[0]),
+            }
             yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in _channels(model))
 
 
@@ -130,19 +136,14 @@ def _fits(members: tuple[Gauge, ...], line: Line) -> bool:
     return line.bits == 8 or members[0].interface != "modbus_map"
 
 
-def _first_line(model: type[BaseModel]) -> Line:
-    default = model.model_fields["line"].default
-    return default if isinstance(default, Line) else USUAL_LINES[0]
-
-
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
     """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
 
     A cable is the maker's usual one: another would be asked by a modem line, which may be more than a request to some.
     """
-    given = {"interface", "units", "cable"}
-    own = [key for key in model.model_fields if key in model.__annotations__ and key not in given]
-    several = [key for key in own if get_origin(model.model_fields[key].annotation) is Literal]
+    placing = {"interface", "units", "cable"}
+    settings = [key for key in model.model_fields if key in model.__annotations__ and key not in placing]
+    several = [key for key in settings if get_origin(model.model_fields[key].annotation) is Literal]
     values = [get_args(model.model_fields[key].annotation) for key in several]
     return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]
 

@@ -108,7 +108,7 @@ class PortReport:
 class RobotReport:
     """What is at a robot's address: how its joints are read and where they stand, or why not.
 
-    units_sure: False where angles come as bare numbers that could be degrees or radians. said: the controller's own
+    units_sure: False where angles come as bare numbers that could be degrees or radians. reported: the controller's own
     last warning.
     """
 
@@ -117,7 +117,7 @@ class RobotReport:
     joints_deg: tuple[float, ...] = ()
     rate_hz: float = 0.0
     units_sure: bool = True
-    said: str = ""
+    reported: str = ""
     problem: str = ""
     remedy: str = ""
 

@@ -28,9 +28,8 @@ from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
 from daq.wire.links import LinkLost
 from daq.wire.opening import open_link
 from rigs.errors import CellError
-from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, OPCUARobotics
 from rigs.schema.links import tcp_address, udp_address
-from rigs.schema.opc_ua import OPCUARobotics
 
 _LISTEN_S = 1.5
 _SILENCES = 3
@@ -63,7 +62,16 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
     try:
         for tried in _tries(address) if named is None else [_try(named)]:
             if evidence_of(tried.trial.items).enough or (named and tried.trial.samples):
-                return _found(address, tried)
+                last = tried.trial.samples[-1]
+                stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
+                return RobotReport(
+                    address,
+                    tried.feedback,
+                    last.values[:6],
+                    tried.trial.rate_hz,
+                    units_sure=tried.sure,
+                    reported=stopped or _own_report(tried.trial),
+                )
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
     except ValidationError:
         return RobotReport(
@@ -146,29 +154,16 @@ def _host(robot: Feedback, sends: Sends) -> Host:
     return Probing(feedback.host(robot), sends, _SILENCES)
 
 
-def _found(address: str, tried: _Tried) -> RobotReport:
-    last = tried.trial.samples[-1]
-    stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
-    return RobotReport(
-        address,
-        tried.feedback,
-        last.values[:6],
-        tried.trial.rate_hz,
-        units_sure=tried.sure,
-        said=stopped or _said(tried.trial),
-    )
-
-
 def _why_not(trial: Trial) -> str:
     if trial.error:
         return trial.error.what
-    return _said(trial) or ("not understood" if trial.received else "nothing arrived")
+    return _own_report(trial) or ("not understood" if trial.received else "nothing arrived")
 
 
-def _said(trial: Trial) -> str:
+def _own_report(trial: Trial) -> str:
     """The last that the controller itself reported: a warning, a refusal, something that it does not have."""
-    own = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
-    return own[-1] if own else ""
+    reports = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
+    return reports[-1] if reports else ""
 
 
 def _remedy(address: str) -> str:

@@ -28,7 +28,7 @@ from daq.discovery.reports import FoundGauge, PortReport, evidence_of
 from daq.doctor.finding import Verdict
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import Trial, try_line
-from daq.protocol.conversation import FaultKind, Host, Sample
+from daq.protocol.conversation import FaultKind, Host
 from daq.wire.serial_port import is_built_in, port_names
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
@@ -67,18 +67,20 @@ class Wanted:
 
 def ports_here() -> dict[str, str]:
     """Return the serial ports of this computer, each with what the system says of it; none is opened."""
-    said = {Path(one.device).resolve(): one.description for one in list_ports.comports() if one.description != "n/a"}
-    return {name: said.get(Path(name).resolve(), "") for name in port_names()}
+    descriptions = {
+        Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
+    }
+    return {name: descriptions.get(Path(name).resolve(), "") for name in port_names()}
 
 
-def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
+def search(options: Wanted, progress: Progress) -> list[PortReport]:
     """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
-    here, found, stop = ports_here(), dict[str, PortReport](), clock.Event()
+    descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
-    def one(port: str) -> None:
-        found[port] = search_port(port, here.get(port, ""), wanted, progress, stop)
+    def search_one(port: str) -> None:
+        reports[port] = search_port(port, descriptions.get(port, ""), options, progress, stop)
 
-    threads = [clock.Thread(target=one, args=(port,), name=f"search {port}") for port in wanted.ports]
+    threads = [clock.Thread(target=search_one, args=(port,), name=f"search {port}") for port in options.ports]
     try:
         for thread in threads:
             thread.start()
@@ -88,7 +90,7 @@ def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
         stop.set()
         join_started(threads)
         raise
-    return [found[port] for port in wanted.ports]
+    return [reports[port] for port in options.ports]
 
 
 def join_started(threads: Sequence[threading.Thread]) -> None:
@@ -98,7 +100,7 @@ def join_started(threads: Sequence[threading.Thread]) -> None:
             thread.join()
 
 
-def search_port(port: str, description: str, wanted: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
+def search_port(port: str, description: str, options: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
     """Search one port."""
     report = PortReport(port, description)
     try:
@@ -109,10 +111,10 @@ def search_port(port: str, description: str, wanted: Wanted, progress: Progress,
         for finding in examine_port(port, port, _ROOT, served=False):
             if finding.verdict is Verdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
-    tried = wanted.named.get(port) or attempts(port, wanted.modbus_units)
+    tried = options.named.get(port) or attempts(port, options.modbus_units)
     try:
         with _as_it_was(port):
-            return _tried(report, tried, wanted.listen_s, progress, stop)
+            return _tried(report, tried, options.listen_s, progress, stop)
     except (OSError, termios.error) as error:
         return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
 
@@ -120,7 +122,9 @@ def search_port(port: str, description: str, wanted: Wanted, progress: Progress,
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
     """Return our side of the conversation with gauges on trial. silences: see `Probing`."""
     timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
-    return Probing(gauges.host([one.model_copy(update={"timeout_s": timeout_s}) for one in members]), sends, silences)
+    return Probing(
+        gauges.host([gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]), sends, silences
+    )
 
 
 def _tried(
@@ -161,16 +165,16 @@ def _tried(
         return _with_gauges(report, *ranked[0], also)
     if own_error:
         attempt, trial = own_error
-        what = f"{attempt.interface} answers at {attempt.line} with an error of its own"
-        return _failed(report, what, trial.last_fault)
+        problem = f"{attempt.interface} answers at {attempt.line} with an error of its own"
+        return _failed(report, problem, trial.last_fault)
     return _nothing(report, received, len(tried), len(tried))
 
 
-def _rank(found: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
+def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     """Return what orders attempts that fit, the best highest. An interface of which a message ends in a carriage return
     takes a line feed after it too, and so fits an instrument of another one that always sends both."""
-    enough, understood, readings = evidence_of(found[1].items).rank
-    return enough, understood, found[0].interface not in _FORGIVING, readings
+    enough, understood, readings = evidence_of(candidate[1].items).rank
+    return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
 def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
@@ -181,33 +185,28 @@ def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
     """A gauge for each channel that reads."""
-    found = []
+    gauges = []
     for column, gauge in enumerate(attempt.gauges):
-        reading = _last(trial.samples, column)
+        values = (sample.values[column] for sample in reversed(trial.samples))
+        reading = next((value for value in values if not math.isnan(value)), None)
         if reading is not None:
             declared = gauge.model_copy(update={"line": attempt.line})
-            found.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
-    return PortReport(report.port, report.description, tuple(found))
-
-
-def _last(samples: Sequence[Sample], column: int) -> float | None:
-    """The last reading of a channel; None where it never reads."""
-    values = (sample.values[column] for sample in reversed(samples))
-    return next((value for value in values if not math.isnan(value)), None)
+            gauges.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
+    return PortReport(report.port, report.description, tuple(gauges))
 
 
 def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
     if received:
-        what = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
-        return _failed(report, what, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
-    what = f"silent in {attempts_made} attempts"
+        problem = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
+        return _failed(report, problem, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
+    problem = f"silent in {attempts_made} attempts"
     if attempts_made < of:
-        what += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
+        problem += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
     remedy = (
         "switch it on and check its cable; if it sends at the press of a button alone, press it during a longer "
         "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"
     )
-    return _failed(report, what, remedy)
+    return _failed(report, problem, remedy)
 
 
 def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:

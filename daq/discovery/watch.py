@@ -36,11 +36,11 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
 
     rest_mm: readings before, by place; now_mm: the present one.
     """
-    known = {place: rest for place, rest in rest_mm.items() if len(rest) >= _AT_REST and place in now_mm}
-    moved = {place: abs(now_mm[place] - sorted(rest)[len(rest) // 2]) for place, rest in known.items()}
-    unrest = {place: max(rest) - min(rest) for place, rest in known.items()}
+    resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
+    moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
+    unrest = {place: max(readings) - min(readings) for place, readings in resting.items()}
     for place, by_mm in moved.items():
-        others = max((other for name, other in moved.items() if name != place), default=0.0)
+        others = max((travel_mm for name, travel_mm in moved.items() if name != place), default=0.0)
         if by_mm > max(PUSH_MM, _MORE * unrest[place], _MORE * others):
             return place
     return None
@@ -49,18 +49,18 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
 class Watch:
     """Reads gauges on threads of their own; use it in a `with` statement."""
 
-    def __init__(self, found: Sequence[FoundGauge]) -> None:
-        self._found = found
+    def __init__(self, gauges: Sequence[FoundGauge]) -> None:
+        self._gauges = gauges
         self._stop = threading.Event()
         self._changed = threading.Condition()
         self._rest: dict[str, list[float]] = {}
-        self._latest: dict[str, deque[float]] = {gauge.place: deque(maxlen=_KEPT) for gauge in found}
+        self._latest: dict[str, deque[float]] = {gauge.place: deque(maxlen=_KEPT) for gauge in gauges}
         self._lost: dict[str, str] = {}
         self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Watch:
         by_port: dict[str, list[FoundGauge]] = {}
-        for gauge in self._found:
+        for gauge in self._gauges:
             by_port.setdefault(gauge.gauge.port, []).append(gauge)
         self._threads = [
             threading.Thread(target=self._read, args=(group,), name=f"watch {port}") for port, group in by_port.items()
@@ -100,8 +100,8 @@ class Watch:
     def grows(self, place: str) -> bool:
         """Return whether the reading of a gauge that was pushed grew."""
         with self._changed:
-            rest = sorted(self._rest[place])[len(self._rest[place]) // 2]
-            return max(self._latest[place], key=lambda reading: abs(reading - rest)) > rest
+            rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
+            return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm
 
     def _end(self) -> None:
         self._stop.set()
@@ -111,7 +111,7 @@ class Watch:
         return all(len(values) >= _AT_REST for values in self._latest.values())
 
     def _read(self, group: Sequence[FoundGauge]) -> None:
-        members = [found.gauge for found in group]
+        members = [gauge.gauge for gauge in group]
         host = partial(host_of, members, group[0].sends, LISTEN_S, _SILENCES)
         stream = Stream(members[0].port, (), members[0].port, members[0].line, host, modem=members[0].modem)
 
@@ -119,9 +119,9 @@ class Watch:
             samples = samples_of(items)
             with self._changed:
                 for sample in samples:
-                    for found, value in zip(group, sample.values, strict=True):
+                    for gauge, value in zip(group, sample.values, strict=True):
                         if math.isfinite(value):
-                            self._latest[found.place].append(value)
+                            self._latest[gauge.place].append(value)
                 self._changed.notify_all()
 
         try:
@@ -134,5 +134,5 @@ class Watch:
                 link.close()
         except (LinkLost, CellError) as error:
             with self._changed:
-                self._lost.update((found.place, str(error)) for found in group)
+                self._lost.update((gauge.place, str(error)) for gauge in group)
                 self._changed.notify_all()

@@ -47,30 +47,32 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
 
 def room(runs: Path, free_gb: float) -> Finding:
     """Check whether there is room to record."""
-    what = f"{free_gb:.1f} GB free for {runs}"
+    observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
-        return wrong("disk", what, "make room; a full disk ends a recording")
+        return wrong("disk", observation, "make room; a full disk ends a recording")
     if free_gb < _LITTLE_GB:
-        return doubtful("disk", what, "make room before a long recording")
-    return ok("disk", what)
+        return doubtful("disk", observation, "make room before a long recording")
+    return ok("disk", observation)
 
 
 def sync_time(runs: Path, slowest_s: float) -> Finding:
     """Check whether the disk keeps up with a daemon that syncs twice a second."""
-    what = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
+    observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
-        return wrong("disk", what, f"put {runs} on a disk of its own, not on a memory card or a network drive")
+        return wrong("disk", observation, f"put {runs} on a disk of its own, not on a memory card or a network drive")
     if slowest_s > _SLOW_S:
-        return doubtful("disk", what, "find out what else writes to it: iostat -x 1")
-    return ok("disk", what)
+        return doubtful("disk", observation, "find out what else writes to it: iostat -x 1")
+    return ok("disk", observation)
 
 
 def wall_clock(state: int) -> Finding:
     """Check whether NTP controls the clock; `state` is what adjtimex returns."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
-    what = "not synchronised by NTP: the start time of a run may be wrong (its readings are not timed by this clock)"
-    return doubtful("clock", what, "run: sudo timedatectl set-ntp true")
+    observation = (
+        "not synchronised by NTP: the start time of a run may be wrong (its readings are not timed by this clock)"
+    )
+    return doubtful("clock", observation, "run: sudo timedatectl set-ntp true")
 
 
 def service(unit: str, properties: Mapping[str, str]) -> Finding:
@@ -87,10 +89,10 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
         return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
     if active != "active":
         return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
-    what = f"running, restarted {restarts} times since it was started"
+    observation = f"running, restarted {restarts} times since it was started"
     if properties.get("UnitFileState") != "enabled":
-        return doubtful(unit, f"{what}; not started at boot", f"run: sudo systemctl enable {unit}")
-    return doubtful(unit, what, "see why: rig logs") if restarts else ok(unit, what)
+        return doubtful(unit, f"{observation}; not started at boot", f"run: sudo systemctl enable {unit}")
+    return doubtful(unit, observation, "see why: rig logs") if restarts else ok(unit, observation)
 
 
 def slowest_sync_s(folder: Path) -> float:

@@ -34,8 +34,12 @@ def examine(
     if status is not None:
         yield from of_daemon(status, streams_of(rig))
     if example and status is None:
-        what = "this rig file is a shipped example: its ports and addresses are of no cell of yours, and none was asked"
-        yield doubtful("instruments", what, "write the rig file of your cell with rig init cell.yaml, and give it")
+        observation = (
+            "this rig file is a shipped example: its ports and addresses are of no cell of yours, and none was asked"
+        )
+        yield doubtful(
+            "instruments", observation, "write the rig file of your cell with rig init cell.yaml, and give it"
+        )
         return
     for stream in streams_of(rig):
         findings = []
@@ -43,12 +47,8 @@ def examine(
             findings = list(examine_port(stream.name, stream.port, root, served=status is not None))
         yield from findings
         if status is None and all(finding.verdict is not Verdict.WRONG for finding in findings):
-            yield from examine_conversation(stream, _timeout_s(rig, stream))
-
-
-def _timeout_s(rig: Rig, stream: Stream) -> float:
-    gauge = rig.gauges.recorded.get(stream.columns[0].removesuffix("_mm"))
-    return gauge.timeout_s if gauge else rig.feedback.timeout_s
+            gauge = rig.gauges.recorded.get(stream.columns[0].removesuffix("_mm"))
+            yield from examine_conversation(stream, (gauge.timeout_s if gauge else rig.feedback.timeout_s))
 
 
 def ask(rig: str) -> dict[str, Any] | None:
@@ -92,8 +92,8 @@ def _stream(name: str, stream: dict[str, Any]) -> Finding:
         return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
     faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
     good = stream["counters"].get("samples", 0)
-    what = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
+    observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
     if sum(faults.values()) * 100 > good:
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items())
-        return doubtful(name, f"{what}; {counts}", stream["last_fault"])
-    return ok(name, what)
+        return doubtful(name, f"{observation}; {counts}", stream["last_fault"])
+    return ok(name, observation)

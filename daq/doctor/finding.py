@@ -32,19 +32,19 @@ class Finding:
     remedy: str = ""
 
 
-def ok(about: str, what: str) -> Finding:
+def ok(about: str, observation: str) -> Finding:
     """Return a finding that all is well."""
-    return Finding(about, Verdict.OK, what)
+    return Finding(about, Verdict.OK, observation)
 
 
-def doubtful(about: str, what: str, remedy: str) -> Finding:
+def doubtful(about: str, observation: str, remedy: str) -> Finding:
     """Return a finding that deserves attention."""
-    return Finding(about, Verdict.DOUBTFUL, what, remedy)
+    return Finding(about, Verdict.DOUBTFUL, observation, remedy)
 
 
-def wrong(about: str, what: str, remedy: str) -> Finding:
+def wrong(about: str, observation: str, remedy: str) -> Finding:
     """Return a finding that has to be corrected."""
-    return Finding(about, Verdict.WRONG, what, remedy)
+    return Finding(about, Verdict.WRONG, observation, remedy)
 
 
 STOPS = {
@@ -80,5 +80,7 @@ def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
         )
     # A controller that runs no program may show a speed of zero, whatever it is set to.
     if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
-        what = f"its speed is set to {shown[SPEED]:.0f} %"
-        yield doubtful(about, what, "set it to 100 %; at another speed the figures differ from those of other runs")
+        observation = f"its speed is set to {shown[SPEED]:.0f} %"
+        yield doubtful(
+            about, observation, "set it to 100 %; at another speed the figures differ from those of other runs"
+        )

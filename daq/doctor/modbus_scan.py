@@ -72,13 +72,13 @@ class Way:
         """How much of the rig file would have to be wrong."""
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
-    def is_part_of(self, other: Way) -> bool:
+    def is_part_of(self, way: Way) -> bool:
         """Return whether this is the higher part of another number: the same motion, but for what it cuts off.
 
         They may have been read one after the other, so that only their distributions are alike.
         """
-        apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(other.readings_mm, _LEVELS)).mean()
-        return self.moving < other.moving and bool(apart_mm <= _CUT * np.abs(other.readings_mm).max())
+        apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(way.readings_mm, _LEVELS)).mean()
+        return self.moving < way.moving and bool(apart_mm <= _CUT * np.abs(way.readings_mm).max())
 
     def __str__(self) -> str:
         return ", ".join(f"{key}: {value}" for key, value in self.changed.items())
@@ -87,8 +87,8 @@ class Way:
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
     """Return the ways in which registers of the pieces seen are a reading that moves; the likeliest first."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
-    found = {str(way): way for way in of_pieces}.values()
-    whole = [way for way in found if not any(way.is_part_of(other) for other in found)]
+    moving = {str(way): way for way in of_pieces}.values()
+    whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
     return sorted(whole, key=lambda way: way.effort)
 
 
@@ -101,7 +101,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
             continue
         if not all(address + k in seen for k in range(register.count)):
             continue
-        said = {
+        settings = {
             "unit": (unit, gauge.unit),
             "function": (function, gauge.function),
             "value.address": (address, gauge.value.address),
@@ -115,7 +115,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
         with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
             readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
         if is_motion(readings_mm, gauge):
-            changed = {key: read for key, (read, written) in said.items() if read != written}
+            changed = {key: read for key, (read, written) in settings.items() if read != written}
             moving = [address + k for k in range(register.count) if len(set(seen[address + k])) > 1]
             yield Way(changed, readings_mm, frozenset((unit, function, place) for place in moving))
 
@@ -170,11 +170,11 @@ class Asker:
             for message in self.wire.frames.feed(self.link.read(left_s), clock.now_ns()):
                 if isinstance(message, Fault) or self.wire.asks(message.data) is not None:
                     continue
-                found, number, content = self.wire.open(message.data)
+                answering, number, content = self.wire.open(message.data)
                 refused = exception_of(content)
                 if content and refused not in _NO_PATH:
-                    self.heard.add(found)
-                if found != unit or (self.wire.numbered and number != int.from_bytes(request[:2], "big")):
+                    self.heard.add(answering)
+                if answering != unit or (self.wire.numbered and number != int.from_bytes(request[:2], "big")):
                     continue
                 registers = registers_of(content)
                 return registers if registers is None or len(registers) == piece[1] else None
@@ -205,20 +205,17 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
             return wrong(name, f"{stream.port}: {error.what}", error.remedy)
         with closing(link), suppress(LinkLost):
             asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
-            _sweep(asker, gauge, UNITS if line == stream.line else _FIRST_UNITS)
+            # Ask every unit for something; those that answer are heard.
+            units = UNITS if line == stream.line else _FIRST_UNITS
+            until = clock.now_s() + _LONGEST_SWEEP_S
+            for unit in (gauge.unit, *units):
+                if clock.now_s() < until and unit not in asker.heard:
+                    asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
             if asker.heard:
                 say(f"{name}: move its probe to and fro now, about once a second, and no other; units: {_list(asker)}")
                 seen = _watch(asker, gauge)
                 return _finding(name, gauge, {} if line == stream.line else {"line": line}, ways(gauge, seen), asker)
     return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and its supply")
-
-
-def _sweep(asker: Asker, gauge: ModbusMap, units: range) -> None:
-    """Ask every unit for something; those that answer are heard."""
-    until = clock.now_s() + _LONGEST_SWEEP_S
-    for unit in (gauge.unit, *units):
-        if clock.now_s() < until and unit not in asker.heard:
-            asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
@@ -232,7 +229,8 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
                 seen[place, piece].append(registers)
         clock.sleep(max(0.0, began + PASS_S - clock.now_s()))
     return {
-        key: {key[1][0] + k: list(held) for k, held in enumerate(zip(*read, strict=True))} for key, read in seen.items()
+        key: {key[1][0] + k: list(values) for k, values in enumerate(zip(*read, strict=True))}
+        for key, read in seen.items()
     }
 
 
@@ -251,13 +249,15 @@ def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place
                 yield from ((place, (address, n)) for n in sizes if asker.read(place, (address, n), gauge.timeout_s))
 
 
-def _finding(name: str, gauge: ModbusMap, line: dict[str, object], found: list[Way], asker: Asker) -> Finding:
+def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[Way], asker: Asker) -> Finding:
     """What was found, in words."""
-    if not found:
+    if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
-        what = f"units {_list(asker)} answer, but nothing in {around} moves like a probe"
-        return doubtful(name, what, "move its probe during the scan; check `range_mm`, and the address in its manual")
-    best, *others = found
+        observation = f"units {_list(asker)} answer, but nothing in {around} moves like a probe"
+        return doubtful(
+            name, observation, "move its probe during the scan; check `range_mm`, and the address in its manual"
+        )
+    best, *others = moving
     span = f"{best.readings_mm.min():.4f} to {best.readings_mm.max():.4f} mm"
     if rivals := [way for way in others if way.effort == best.effort]:
         choices = "; or ".join(str(way) or "as described" for way in (best, *rivals))

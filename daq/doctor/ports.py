@@ -37,9 +37,9 @@ def present(about: str, port: str, root: Path) -> Finding:
     """Check whether the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
-    here = ", ".join(port_names(root)) or "none"
+    ports = ", ".join(port_names(root)) or "none"
     return wrong(
-        about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {here}"
+        about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {ports}"
     )
 
 
@@ -77,7 +77,9 @@ def free(about: str, port: str, root: Path) -> Finding | None:
         return None
     for folder in sorted((root / "proc").glob("[0-9]*")):
         with contextlib.suppress(OSError):
-            if int(folder.name) != os.getpid() and any(str(file.readlink()) == device for file in _open_files(folder)):
+            if int(folder.name) != os.getpid() and any(
+                str(file.readlink()) == device for file in list((folder / "fd").iterdir())
+            ):
                 name = (folder / "comm").read_text().strip()
                 stop = f"systemctl disable --now {name}" if name in _GREEDY else f"kill {folder.name}"
                 return wrong(about, f"{port} is held by {name} (process {folder.name})", f"end it: sudo {stop}")
@@ -93,8 +95,8 @@ def quick(about: str, port: str, root: Path) -> Finding | None:
         return None
     if ms < _LONG_MS:
         return ok(about, f"the adapter's latency timer is {ms} ms")
-    what = f"the adapter's latency timer is {ms} ms: answers wait for it, and their stamps with them"
-    return doubtful(about, what, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
+    observation = f"the adapter's latency timer is {ms} ms: answers wait for it, and their stamps with them"
+    return doubtful(about, observation, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
 
 
 def _join(group: str) -> str:
@@ -112,10 +114,6 @@ def _below_dev(port: str, root: Path) -> str:
     device = _at(port, root).resolve()
     dev = (root / "dev").resolve()
     return str(device.relative_to(dev)) if device.is_relative_to(dev) else device.name
-
-
-def _open_files(process: Path) -> list[Path]:
-    return list((process / "fd").iterdir())
 
 
 def _group_name(gid: int) -> str:

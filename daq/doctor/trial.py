@@ -82,8 +82,8 @@ class Trial:
         kinds = Counter[FaultKind]()
         for fault in faults_of(self.items):
             kinds[fault.kind] += fault.count
-        said, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
-        return said >= _ENOUGH and said > garbled
+        answered, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
+        return answered >= _ENOUGH and answered > garbled
 
     @property
     def last_fault(self) -> str:
@@ -174,12 +174,14 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
         return _of_readings(stream, trial, how)
     if trial.understood:
         return wrong(stream.name, f"{how} answers with an error of its own", trial.last_fault)
-    if other := search():
-        return wrong(stream.name, f"does not answer at {stream.line}, but does at {other}", f"write line: {other}")
+    if line := search():
+        return wrong(stream.name, f"does not answer at {stream.line}, but does at {line}", f"write line: {line}")
     if trial.received:
-        what = f"{how}: {trial.received} bytes arrived, but no reading among them"
+        observation = f"{how}: {trial.received} bytes arrived, but no reading among them"
         return wrong(
-            stream.name, what, trial.last_fault or "check `interface` and the port: another kind of device is connected"
+            stream.name,
+            observation,
+            trial.last_fault or "check `interface` and the port: another kind of device is connected",
         )
     return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and its cable")
 
@@ -187,17 +189,17 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
 def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
     readings = samples_of(trial.items)
-    what = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
+    observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
     silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
     if missing := [name for name in silent if name not in CONDITION]:
-        return wrong(stream.name, f"{what}, but none of {', '.join(missing)}", trial.last_fault)
+        return wrong(stream.name, f"{observation}, but none of {', '.join(missing)}", trial.last_fault)
     faults = Counter[str]()
     for fault in faults_of(trial.items):
         faults[fault.kind] += fault.count
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
-        return doubtful(stream.name, f"{what}, and {counts}", trial.last_fault)
-    return ok(stream.name, f"{what}; it does not show {', '.join(silent)}" if silent else what)
+        return doubtful(stream.name, f"{observation}, and {counts}", trial.last_fault)
+    return ok(stream.name, f"{observation}; it does not show {', '.join(silent)}" if silent else observation)
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
@@ -208,11 +210,11 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     host = stream.host()
     gap_ns = host.gap_ns if isinstance(host, Bus) else 0
     possible_hz = readings * 1e9 / (trial.carried * stream.line.character_ns + readings * gap_ns)
-    what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
+    observation = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
-        return ok(stream.name, what)
+        return ok(stream.name, observation)
     return doubtful(
-        stream.name, what, "shorten the adapter's latency timer; otherwise the instrument itself needs that time"
+        stream.name, observation, "shorten the adapter's latency timer; otherwise the instrument itself needs that time"
     )
 
 
@@ -232,7 +234,7 @@ def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
     jitter_ns = sorted(level_ns)[len(level_ns) // 2] - min(level_ns)
     drift_ppm, uncertain_ppm = -1e6 * slope, 1e6 * jitter_ns / (end_ns - begin_ns)
-    what = f"its clock runs {drift_ppm:+.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
+    observation = f"its clock runs {drift_ppm:+.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
     if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
-        return ok(about, what)
-    return doubtful(about, what, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")
+        return ok(about, observation)
+    return doubtful(about, observation, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")

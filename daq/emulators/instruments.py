@@ -57,11 +57,11 @@ def instruments_of(
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> dict[str, Callable[[], Device]]:
     """Return what makes each instrument of a cell, newly for each connection, by the name of its stream."""
-    beside = columns_beside_joints(rig.feedback)
+    further_columns = columns_beside_joints(rig.feedback)
 
     def shown(now_ns: int) -> Sequence[float]:
         values = {SIGNAL: signal(now_ns)} | UNDISTURBED | dict(condition(now_ns))
-        return [*motion.joints_deg(now_ns), *(values[name] for name in beside)]
+        return [*motion.joints_deg(now_ns), *(values[name] for name in further_columns)]
 
     def controller() -> Device:
         return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)

@@ -127,13 +127,13 @@ class Exchange:
         if len(question) != len(self.question) or not self.answers:
             return None
         first, *further = self.answers
-        said = bytearray(first.data)
+        answer = bytearray(first.data)
         for place, (asked, then) in enumerate(zip(question, self.question, strict=True)):
             if asked != then:
-                if said[place : place + 1] != bytes([then]):
+                if answer[place : place + 1] != bytes([then]):
                     return None
-                said[place] = asked
-        return (Piece(first.at_ns, first.stream, first.mark, bytes(said)), *further)
+                answer[place] = asked
+        return (Piece(first.at_ns, first.stream, first.mark, bytes(answer)), *further)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ class Exchanges:
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
         """Return the exchanges in the pieces; what came before the first request is not an answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
-        found = [
+        exchanges = [
             Exchange(
                 pieces[begin].at_ns,
                 pieces[begin].data,
@@ -162,10 +162,10 @@ class Exchanges:
             )
             for begin, end in pairwise([*questions, len(pieces)])
         ]
-        asked_ns = [exchange.asked_ns for exchange in found]
+        asked_ns = [exchange.asked_ns for exchange in exchanges]
         period_ns = median([after - before for before, after in pairwise(asked_ns)] or [0])
-        longest = max((len(exchange.question) for exchange in found), default=0)
-        return cls(found, asked_ns, pieces[0].at_ns, pieces[-1].at_ns, period_ns, longest)
+        longest = max((len(exchange.question) for exchange in exchanges), default=0)
+        return cls(exchanges, asked_ns, pieces[0].at_ns, pieces[-1].at_ns, period_ns, longest)
 
 
 class AnsweringPlayer:
@@ -219,7 +219,14 @@ class AnsweringPlayer:
         if asked:
             self._hear(at_ns)
         if self._saying and at_ns >= self._saying[0].at_ns:
-            return self._say(at_ns, now_ns)
+            if self._middle_ns is not None:
+                self._steps.said(at_ns, (self._question_ns + at_ns) / 2 - self._middle_ns)
+                self._middle_ns = None
+            self.sent += 1
+            data = bytearray()
+            while self._saying and at_ns >= self._saying[0].at_ns:
+                data += self._saying.popleft().data
+            return Step(bytes(data), wake_ns=now_ns)
         if not self.done and at_ns >= self._exchanges.end_ns:
             self.done = True
             self._skip_to(len(self._exchanges.all))
@@ -229,27 +236,17 @@ class AnsweringPlayer:
         next_ns = self._saying[0].at_ns if self._saying else self._exchanges.end_ns
         return Step(wake_ns=next_ns + shift_ns)
 
-    def _say(self, at_ns: int, now_ns: int) -> Step:
-        if self._middle_ns is not None:
-            self._steps.said(at_ns, (self._question_ns + at_ns) / 2 - self._middle_ns)
-            self._middle_ns = None
-        self.sent += 1
-        said = bytearray()
-        while self._saying and at_ns >= self._saying[0].at_ns:
-            said += self._saying.popleft().data
-        return Step(bytes(said), wake_ns=now_ns)
-
     def _hear(self, at_ns: int) -> None:
         """Choose what to say, once a question is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
-        found = self._nearest(at_ns, bytes(self._replayed))
-        if found is None:
+        exchange = self._nearest(at_ns, bytes(self._replayed))
+        if exchange is None:
             if len(self._replayed) >= self._exchanges.longest:
                 self._steps.otherwise += 1
                 self._replayed.clear()
             return
-        number, answers = found
+        number, answers = exchange
         self._replayed.clear()
         self._skip_to(number)
         self._steps.repeated += number <= self._last
@@ -257,12 +254,12 @@ class AnsweringPlayer:
         late_ns = at_ns - self._exchanges.asked_ns[number]
         wait_ns = answers[0].at_ns - self._exchanges.asked_ns[number] if answers else 0
         slip_ns = late_ns if late_ns > wait_ns else 0
-        self._saying = deque(Piece(one.at_ns + slip_ns, one.stream, one.mark, one.data) for one in answers)
+        self._saying = deque(Piece(piece.at_ns + slip_ns, piece.stream, piece.mark, piece.data) for piece in answers)
         self._question_ns = at_ns
         self._middle_ns = self._exchanges.asked_ns[number] + wait_ns / 2 if answers else None
 
     def _skip_to(self, number: int) -> None:
-        self._steps.skipped += sum(bool(one.answers) for one in self._exchanges.all[self._last + 1 : number])
+        self._steps.skipped += sum(bool(exchange.answers) for exchange in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
         """Number and answers of the exchange with this question that was nearest.

@@ -54,7 +54,12 @@ class PtyLine:
     def plug(self) -> None:
         """Create the pty, under its name."""
         tty.setraw(self._slave)
-        self._set_baud()
+        # For a program that opens the far end without settings; a baud that has no name stays unset.
+        speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
+        if speed is not None:
+            settings = termios.tcgetattr(self._slave)
+            settings[_ISPEED] = settings[_OSPEED] = speed
+            termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         os.set_blocking(self._master, False)
         if self._name is not None:
             self._name.parent.mkdir(parents=True, exist_ok=True)
@@ -112,19 +117,11 @@ class PtyLine:
     def set_dtr(self, on: bool) -> None:
         """Do nothing: a pty has no modem lines."""
 
-    def _set_baud(self) -> None:
-        """For a program that opens the far end without settings; a baud that has no name stays unset."""
-        speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
-        if speed is not None:
-            settings = termios.tcgetattr(self._slave)
-            settings[_ISPEED] = settings[_OSPEED] = speed
-            termios.tcsetattr(self._slave, termios.TCSANOW, settings)
-
     def _far_line(self) -> Line | None:
         """The far end's settings where its baud is another one."""
         baud = _SPEEDS.get(termios.tcgetattr(self._slave)[_OSPEED])
-        same = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
-        return None if same else Line.model_validate(f"{baud} 8N1")
+        matches = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
+        return None if matches else Line.model_validate(f"{baud} 8N1")
 
     def close(self) -> None:
         """Remove the pty for good."""

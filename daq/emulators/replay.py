@@ -162,8 +162,8 @@ class ReplayedStream:
                 self._time.restart(self._turn)
         if self._turn != self._time.turn:
             self._turn, self._number = self._time.turn, 0
-        left = self._number < len(self._connections)
-        self._playing = self._connections[self._number]() if left else self._over()
+        remaining = self._number < len(self._connections)
+        self._playing = self._connections[self._number]() if remaining else self._over()
         return self._playing
 
 
@@ -172,10 +172,10 @@ def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: St
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [
-        partial(AnsweringPlayer, Exchanges.of(one), time, steps, hangs_up=hangs_up)
+        partial(AnsweringPlayer, Exchanges.of(connection), time, steps, hangs_up=hangs_up)
         if _is_asked(stream)
-        else partial(StreamingPlayer, one, time, steps, hangs_up=hangs_up, calls=calls)
-        for one in _connections(stream, pieces)
+        else partial(StreamingPlayer, connection, time, steps, hangs_up=hangs_up, calls=calls)
+        for connection in _connections(stream, pieces)
     ]
     return ReplayedStream(connections, partial(StreamingPlayer, (), time, steps, hangs_up=hangs_up, calls=False), time)
 
@@ -196,8 +196,8 @@ def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
 def _pieces(rig: Rig, stream: Stream, capture: Capture) -> tuple[Piece, ...]:
     pieces = capture.of(stream.name)
     if not any(piece.mark is Mark.CAME for piece in pieces):
-        what = f"the capture holds nothing of {stream.name} (it has {', '.join(capture.streams) or 'nothing'})"
-        raise FileError(rig.name, what, "give the rig file that it was captured with")
+        problem = f"the capture holds nothing of {stream.name} (it has {', '.join(capture.streams) or 'nothing'})"
+        raise FileError(rig.name, problem, "give the rig file that it was captured with")
     return pieces
 
 
@@ -205,9 +205,9 @@ def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[P
     """The pieces of each time that the link was open and something came; only over TCP can they be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
-    found: list[list[Piece]] = []
+    connections: list[list[Piece]] = []
     for piece in pieces:
-        if piece.mark is Mark.OPENED or not found:
-            found.append([])
-        found[-1].append(piece)
-    return [connection for connection in found if any(piece.mark is Mark.CAME for piece in connection)]
+        if piece.mark is Mark.OPENED or not connections:
+            connections.append([])
+        connections[-1].append(piece)
+    return [connection for connection in connections if any(piece.mark is Mark.CAME for piece in connection)]

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from daq.protocol.conversation import Device, Step
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 
 Read = Callable[[int], Sequence[float]]
 

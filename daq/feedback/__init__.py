@@ -27,8 +27,8 @@ def load(feedback: Feedback) -> Any:
         return import_module(driver_of(feedback, __name__))
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
-        what = f"{feedback.interface} needs the package {package}, which is not installed"
-        raise CellError("feedback", what, to_install(package)) from None
+        problem = f"{feedback.interface} needs the package {package}, which is not installed"
+        raise CellError("feedback", problem, to_install(package)) from None
 
 
 def host(feedback: Feedback) -> Host:
@@ -45,8 +45,8 @@ def device(feedback: Feedback, read: Read) -> Device:
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
 
     def shown(now_ns: int) -> Sequence[float]:
-        given = read(now_ns)
-        return [*given, *usual[len(given) - 6 :]]
+        values = read(now_ns)
+        return [*values, *usual[len(values) - 6 :]]
 
     conversation: Device = load(feedback).device(feedback, shown)
     return conversation

@@ -51,21 +51,15 @@ def _answer(sentype: str, ipoc: str) -> bytes:
 
 def _tags(feedback: KUKARSI) -> list[re.Pattern[bytes]]:
     """An expression for each part of the condition: an element, or an attribute of one."""
-    found = []
+    expressions = []
     for tag in feedback.condition.values():
         element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
         value = rb"\s*([^\s\"<>&]{1,40})\s*"
         if attribute:
-            found.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
+            expressions.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
         else:
-            found.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
-    return found
-
-
-def _condition(tags: Sequence[re.Pattern[bytes]], data: bytes) -> tuple[float, ...]:
-    texts = (found[1].decode("ascii", "replace") if (found := tag.search(data)) else "" for tag in tags)
-    values = (number(text) for text in texts)
-    return tuple(math.nan if value is None else plausible(value) for value in values)
+            expressions.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
+    return expressions
 
 
 def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
@@ -74,14 +68,21 @@ def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refuse
         return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with one <IPOC>")
     if not joints:
         return Refused(FaultKind.MISSING, "it has no <AIPos>; add DEF_AIPos to SEND in the Ethernet configuration")
-    found = sorted(_JOINT.findall(joints[0]))
-    read = [number(value.decode("ascii", "replace")) for _, value in found]
+    angles = sorted(_JOINT.findall(joints[0]))
+    read = [number(value.decode("ascii", "replace")) for _, value in angles]
     angles_deg = tuple(value for value in read if value is not None)
-    if b"".join(axis for axis, _ in found) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
+    if b"".join(axis for axis, _ in angles) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
         return Refused(
             FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not hold six numbers"
         )
-    return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]), _condition(tags, data))
+    texts = (match[1].decode("ascii", "replace") if (match := tag.search(data)) else "" for tag in tags)
+    values = (number(text) for text in texts)
+    return Position(
+        angles_deg,
+        int(ipoc[0]) / 1000,
+        int(ipoc[0]),
+        tuple(math.nan if value is None else plausible(value) for value in values),
+    )
 
 
 class _RSIDialect(Positions):
@@ -152,15 +153,15 @@ class _RSIController:
         if not self._feedback.onlysend:
             self._awaited[ipoc] = now_ns
         self.sent += 1
-        return Step(self._text(instant_ns, ipoc), wake_ns=self._pace.next_ns)
-
-    def _text(self, instant_ns: int, ipoc: int) -> bytes:
         shown = self._read(instant_ns)
         joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(shown[:6], 1))
         condition = "".join(map(_element, self._feedback.condition.values(), shown[6:]))
         pose = " ".join(f'{name}="0.00000"' for name in "XYZABC")
         delay = f'<Delay D="{self._delays}"/><IPOC>{ipoc}</IPOC>'
-        return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode()
+        return Step(
+            f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode(),
+            wake_ns=self._pace.next_ns,
+        )
 
 
 def _element(tag: str, value: float) -> str:

@@ -15,7 +15,6 @@ writes a socket in a loop keeps up with (believed, not confirmed); the host assu
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
@@ -80,7 +79,19 @@ class _LineFeedDialect:
             if value is None:
                 return _garbled(message, f"has no number in {name} = {part[:40]!r}")
             read[name] = value
-        sample = _sample(read, self._beside, message)
+        angles_deg = (
+            read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"])
+            for axis in range(1, 7)
+        )
+        clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
+        sample = Sample(
+            (*angles_deg, *(plausible(read[name]) for name in self._beside)),
+            NO_TIME,
+            message.first_byte_ns,
+            message.last_byte_ns,
+            message.size,
+            clock_s[0] if clock_s else math.nan,
+        )
         if not are_angles(sample.values[:6]):
             return _garbled(message, "has an impossible angle")
         if self._may_be_late and 0 < self._last_clock_s - sample.device_time_s < _BEHIND_S:
@@ -93,21 +104,6 @@ class _LineFeedDialect:
 def _garbled(message: Message, why: str) -> Reaction:
     detail = f"line {message.data[:80]!r} {why}; check `fields` and `separator`"
     return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
-
-
-def _sample(read: Mapping[str, float], beside: Sequence[str], message: Message) -> Sample:
-    angles_deg = (
-        read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"]) for axis in range(1, 7)
-    )
-    clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
-    return Sample(
-        (*angles_deg, *(plausible(read[name]) for name in beside)),
-        NO_TIME,
-        message.first_byte_ns,
-        message.last_byte_ns,
-        message.size,
-        clock_s[0] if clock_s else math.nan,
-    )
 
 
 class _Program:

@@ -25,7 +25,16 @@ def host(feedback: ModbusJoints) -> Host:
     """Return our side of the conversation."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-        return _reading(feedback, registers, message, requested_ns)
+        at_ns = message.last_byte_ns
+        code = verdict(registers, feedback.status, feedback, at_ns)
+        if isinstance(code, Fault):
+            return code
+        read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
+        angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
+        if not are_angles(angles_deg):
+            detail = f"angles {angles_deg}; left out; check `joints`, `word_order` and `byte_order`"
+            return Fault(FaultKind.GARBLED, at_ns, detail)
+        return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
 
     wire = Wire(feedback.port, feedback.framing, serving=False)
     return Polled(RegisterDialect(feedback, reading, wire), feedback.timeout_s, feedback.rate_hz)
@@ -34,19 +43,6 @@ def host(feedback: ModbusJoints) -> Host:
 def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller's side of the conversation."""
     return RegisterDevice([(feedback, lambda now_ns: _registers(feedback, read(now_ns)))])
-
-
-def _reading(feedback: ModbusJoints, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-    at_ns = message.last_byte_ns
-    code = verdict(registers, feedback.status, feedback, at_ns)
-    if isinstance(code, Fault):
-        return code
-    read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
-    angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
-    if not are_angles(angles_deg):
-        detail = f"angles {angles_deg}; left out; check `joints`, `word_order` and `byte_order`"
-        return Fault(FaultKind.GARBLED, at_ns, detail)
-    return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
 
 
 def _registers(feedback: ModbusJoints, angles_deg: Sequence[float]) -> list[int] | None:

@@ -40,7 +40,7 @@ from daq.protocol.opc_ua_session import (
 )
 from daq.protocol.opc_ua_values import RobotValues
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
 """Requests that the server may have at once: one for each answer on its way."""
@@ -128,27 +128,27 @@ class _Client:
             self._channel.agree(decoded(ua.Acknowledge, received.body).ReceiveBufferSize)
             return Reaction(send=self._request(channel_request(renew=False), OPEN))
         if received.kind == ERROR:
-            said = decoded(ua.ErrorMessage, received.body)
-            raise Refused(f"{said.Error.name} ({(said.Reason or '')[:100]}); check port and `path`")
+            reply = decoded(ua.ErrorMessage, received.body)
+            raise Refused(f"{reply.Error.name} ({(reply.Reason or '')[:100]}); check port and `path`")
         if received.kind not in (OPEN, MESSAGE) or received.request not in self._asked:
             raise Unreadable(f"an answer {received.kind!r} to no request")
         request, asked_ns = self._asked.pop(received.request)
         response = _response(request, received.body)
         if isinstance(request, ua.OpenSecureChannelRequest):
-            return Reaction(send=self._opened(response, message.last_byte_ns))
+            if isinstance(response, ua.ServiceFault):
+                raise Refused(f"{_name(response)} where a channel is asked for")
+            token, begins = response.Parameters.SecurityToken, self._channel.number == 0
+            self._channel.number, self._channel.token = token.ChannelId, token.TokenId
+            self._renew_ns = message.last_byte_ns + round(_RENEW * max(token.RevisedLifetime, _SHORTEST_MS) * 1e6)
+            return Reaction(send=self._request(next(self._talk)) if begins else b"")
         if self._values is None:
             return self._next(response, message)
         if isinstance(request, ua.PublishRequest):
             return self._published(self._values, response, message)
-        return self._polled(self._values, response, asked_ns, message)
-
-    def _opened(self, response: Any, now_ns: int) -> bytes:
         if isinstance(response, ua.ServiceFault):
-            raise Refused(f"{_name(response)} where a channel is asked for")
-        token, begins = response.Parameters.SecurityToken, self._channel.number == 0
-        self._channel.number, self._channel.token = token.ChannelId, token.TokenId
-        self._renew_ns = now_ns + round(_RENEW * max(token.RevisedLifetime, _SHORTEST_MS) * 1e6)
-        return self._request(next(self._talk)) if begins else b""
+            raise Refused(f"{_name(response)} where values are read")
+        self.due_ns = max(asked_ns + round(1e9 / self._feedback.rate_hz), message.last_byte_ns)
+        return Reaction(tuple(self._values.polled(response.Results or (), asked_ns, message)))
 
     def _renewal(self, now_ns: int) -> bytes:
         if self._renew_ns is None or now_ns < self._renew_ns:
@@ -195,12 +195,6 @@ class _Client:
             return Reaction()
         acknowledged = response.Parameters if note.NotificationData else None
         return Reaction(tuple(values.published(note, message)), self._request(publish_request(acknowledged)))
-
-    def _polled(self, values: RobotValues, response: Any, asked_ns: int, message: Message) -> Reaction:
-        if isinstance(response, ua.ServiceFault):
-            raise Refused(f"{_name(response)} where values are read")
-        self.due_ns = max(asked_ns + round(1e9 / self._feedback.rate_hz), message.last_byte_ns)
-        return Reaction(tuple(values.polled(response.Results or (), asked_ns, message)))
 
 
 def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:

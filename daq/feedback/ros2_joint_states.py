@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -25,7 +24,7 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.positions import Datagrams, Pace
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.feedback import ROS2JointStates
 
 RATE_HZ = 100.0
 """The rate of the emulated driver (100 Hz is what ros2_control updates at by default); the host assumes none."""
@@ -105,15 +104,15 @@ class _JointStates:
         if isinstance(message, Fault):
             return Reaction((message,))
         try:
-            said = _MESSAGE.validate_json(message.data)
+            received = _MESSAGE.validate_json(message.data)
         except ValidationError as error:
-            what = error.errors(include_url=False, include_input=False)[0]["msg"]
-            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is no joint state: {what}")
-        if isinstance(said, _Published):
-            return self._state(said.msg, message) if said.topic == self._topic else Reaction()
-        if said.level not in {"error", "warning"}:
+            problem = error.errors(include_url=False, include_input=False)[0]["msg"]
+            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is no joint state: {problem}")
+        if isinstance(received, _Published):
+            return self._state(received.msg, message) if received.topic == self._topic else Reaction()
+        if received.level not in {"error", "warning"}:
             return Reaction()
-        return _fault(message, FaultKind.DEVICE_ERROR, f"{said.level} of rosbridge: {said.msg[:200]}")
+        return _fault(message, FaultKind.DEVICE_ERROR, f"{received.level} of rosbridge: {received.msg[:200]}")
 
     def _state(self, state: _JointState, message: Message) -> Reaction:
         placed = dict(zip(state.name, state.position, strict=False))
@@ -130,9 +129,7 @@ class _JointStates:
         if not are_angles(angles_deg):
             return _fault(message, FaultKind.GARBLED, f"angles {angles_deg}; left out")
         self._found = True
-        return self._in_time(angles_deg, state.header.stamp, message)
-
-    def _in_time(self, angles_deg: tuple[float, ...], stamp: _Stamp, message: Message) -> Reaction:
+        stamp = state.header.stamp
         clock_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else math.nan
         if 0 <= self._last_s - clock_s < _BEHIND_S:
             detail = f"stamp {clock_s:.6f} s, no later than the one before; left out; check for a second publisher"
@@ -180,9 +177,7 @@ class _Bridge:
         if instant_ns is None:
             return Step(wake_ns=self._pace.next_ns)
         self.sent += 1
-        return Step(self._message(self._read(instant_ns), instant_ns), wake_ns=self._pace.next_ns)
-
-    def _message(self, angles_deg: Sequence[float], instant_ns: int) -> bytes:
+        angles_deg = self._read(instant_ns)
         passed_ns = instant_ns - self._start_ns
         stamp = {"sec": self.EPOCH_S + passed_ns // 10**9, "nanosec": passed_ns % 10**9}
         state = {
@@ -192,4 +187,7 @@ class _Bridge:
             "velocity": [],
             "effort": [],
         }
-        return json.dumps({"op": "publish", "topic": self._feedback.topic, "msg": state}).encode()
+        return Step(
+            json.dumps({"op": "publish", "topic": self._feedback.topic, "msg": state}).encode(),
+            wake_ns=self._pace.next_ns,
+        )

@@ -63,7 +63,9 @@ def device(feedback: URRTDE, read: Read) -> Device:
 
 
 def _recipe(feedback: URRTDE) -> Recipe:
-    signal = {_signal_field(feedback.signal): _signal_type(feedback.signal)} if feedback.signal else {}
+    signal = (
+        {_signal_field(feedback.signal): ("UINT64" if feedback.signal.outputs else "INT32")} if feedback.signal else {}
+    )
     condition = CONDITION_TYPES if feedback.condition else {}
     currents = CURRENT_TYPES if feedback.currents else {}
     return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition, **currents})
@@ -71,10 +73,6 @@ def _recipe(feedback: URRTDE) -> Recipe:
 
 def _signal_field(place: RTDESignal) -> str:
     return "actual_digital_output_bits" if place.outputs else f"output_int_register_{place.int_register}"
-
-
-def _signal_type(place: RTDESignal) -> str:
-    return "UINT64" if place.outputs else "INT32"
 
 
 def _signal(place: RTDESignal, raw: int) -> float:
@@ -121,19 +119,16 @@ class _RTDEClient:
             return Reaction((message,), hang_up=True)
         kind, payload = message.data[2:3], message.data[3:]
         if kind not in b"VOSPUM":
-            return self._of_unknown_type(kind, message)
+            self._unknown += 1
+            if self._unknown > _MOST_UNKNOWN:
+                return _out_of_step(message)
+            detail = f"packet of type {kind.decode('latin-1')}, which is not known; left out"
+            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         self._unknown = 0
         if kind not in (b"M", self._awaited):
             return _out_of_step(message)
         meaning = {b"M": self._text, b"U": self._data, b"O": self._recipe_answer}.get(kind)
         return meaning(payload, message) if meaning else self._accepted(kind, payload, message)
-
-    def _of_unknown_type(self, kind: bytes, message: Message) -> Reaction:
-        self._unknown += 1
-        if self._unknown > _MOST_UNKNOWN:
-            return _out_of_step(message)
-        detail = f"packet of type {kind.decode('latin-1')}, which is not known; left out"
-        return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
     def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Reaction:
         """The answer to the version or to the start."""
@@ -157,12 +152,12 @@ class _RTDEClient:
         if len(types) != len(self._recipe.types):
             return _out_of_step(message)
         asked = zip(self._recipe.types.items(), types, strict=True)
-        other = {name: got for (name, expected), got in asked if got != expected}
-        if name := next((name for name in other if name not in _DISPENSABLE), ""):
-            remedy = "end the other RTDE client" if other[name] == "IN_USE" else "update the controller's software"
-            return _refused(f"the controller answers {other[name]} for {name}; {remedy}", message)
-        if other:
-            self._recipe = self._recipe.without(other)
+        deviating = {name: got for (name, expected), got in asked if got != expected}
+        if name := next((name for name in deviating if name not in _DISPENSABLE), ""):
+            remedy = "end the other RTDE client" if deviating[name] == "IN_USE" else "update the controller's software"
+            return _refused(f"the controller answers {deviating[name]} for {name}; {remedy}", message)
+        if deviating:
+            self._recipe = self._recipe.without(deviating)
             return self._ask_for_recipe()
         self._number = payload[0]
         self._awaited = b"S"
@@ -192,8 +187,8 @@ class _RTDEClient:
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
         """A text of the controller; information is left out."""
-        text, rest = _counted(payload)
-        source, level = _counted(rest)
+        text, remainder = _counted(payload)
+        source, level = _counted(remainder)
         if len(level) != 1:
             return _out_of_step(message)
         if level[0] >= 3:

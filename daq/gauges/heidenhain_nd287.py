@@ -110,8 +110,11 @@ class _Replies(Lines):
     """
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        found = super().feed(data.replace(_NAK, _NAK + _END), now_ns)
-        return [one if isinstance(one, Fault) else replace(one, data=one.data.lstrip(_NUL)) for one in found]
+        messages = super().feed(data.replace(_NAK, _NAK + _END), now_ns)
+        return [
+            message if isinstance(message, Fault) else replace(message, data=message.data.lstrip(_NUL))
+            for message in messages
+        ]
 
 
 def _read(data: bytes, gauge: HeidenhainND287) -> Reading:

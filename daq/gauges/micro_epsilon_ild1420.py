@@ -73,16 +73,19 @@ class _Values:
         return begun
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        found: list[Message | Fault] = []
+        messages: list[Message | Fault] = []
         for byte in data:
             tag = byte >> 6
             if self._lost:
                 self._lost = tag != _HIGH
             elif tag == len(self._bytes) or (tag == _FURTHER and len(self._bytes) == _HIGH):
-                found += self._add(byte, now_ns)
+                messages += self._add(byte, now_ns)
             else:
-                found.append(self._out_of_place(tag, now_ns))
-        return found
+                self._bytes.clear()
+                self._lost = tag != _HIGH
+                detail = "a byte out of place, its value left out; check the line's settings and the cable"
+                messages.append(Fault(FaultKind.GARBLED, now_ns, detail))
+        return messages
 
     def _add(self, byte: int, now_ns: int) -> list[Message]:
         if not self._bytes:
@@ -93,12 +96,6 @@ class _Values:
         message = Message(bytes(self._bytes), 3, self._first_ns, now_ns)
         self._bytes.clear()
         return [message]
-
-    def _out_of_place(self, tag: int, now_ns: int) -> Fault:
-        self._bytes.clear()
-        self._lost = tag != _HIGH
-        detail = "a byte out of place, its value left out; check the line's settings and the cable"
-        return Fault(FaultKind.GARBLED, now_ns, detail)
 
 
 class _ILD1420Dialect:
@@ -182,9 +179,9 @@ class _Sensor:
     def received(self, data: bytes, now_ns: int) -> Step:
         answer = b""
         for command in self._commands.feed(data, now_ns):
-            known = isinstance(command, Message) and command.data.strip() == _START.strip()
-            answer += (_START.strip() if known else b"E01 Unknown command") + b"\r\n->"
-            if known and self._pace is None:
+            starts = isinstance(command, Message) and command.data.strip() == _START.strip()
+            answer += (_START.strip() if starts else b"E01 Unknown command") + b"\r\n->"
+            if starts and self._pace is None:
                 self._pace = Pace(_RATE_HZ, now_ns)
         return Step(answer, wake_ns=self._pace.next_ns if self._pace else None)
 

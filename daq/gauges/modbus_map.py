@@ -110,9 +110,9 @@ class _Readings:
         orders = _in_other_orders(registers, self._gauge)
         if not refused and not orders:
             return None
-        what = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
+        problem = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
         would = f"; it would be {' or '.join(orders)}" if orders else ""
-        return FaultKind.GARBLED, f"{what}, `word_order`, `byte_order` and `value`{would}"
+        return FaultKind.GARBLED, f"{problem}, `word_order`, `byte_order` and `value`{would}"
 
 
 def _mm(raw: float, gauge: ModbusMap) -> float:
@@ -121,12 +121,12 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
     """Return what the value would be in the other orders, where that is a length."""
-    found = []
+    readings = []
     for orders in _orders_but(gauge):
         value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
         if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
-            found.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
-    return found
+            readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
+    return readings
 
 
 def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
@@ -142,8 +142,8 @@ def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
 
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
     parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-    known = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
-    clock_s = sum(known) if known else math.nan
+    times_s = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
+    clock_s = sum(times_s) if times_s else math.nan
     return clock_s if math.isfinite(clock_s) else math.nan
 
 

@@ -112,13 +112,9 @@ class _OrbitDialect:
             return reply
         code = round(item.values[0])
         if code == 0:
-            return self._confirmed(self._asked)
+            if refused := refusal(self._asked.values[0], self._gauge):
+                kind, detail = refused
+                return Reply((Fault(kind, self._asked.last_byte_ns, detail),), Then.PAUSE)
+            return Reply((self._asked,))
         meaning = _STATUS.get(code, "an error of the gauge; see its manual")
         return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)
-
-    def _confirmed(self, sample: Sample) -> Reply:
-        """A reading whose status is good."""
-        if refused := refusal(sample.values[0], self._gauge):
-            kind, detail = refused
-            return Reply((Fault(kind, sample.last_byte_ns, detail),), Then.PAUSE)
-        return Reply((sample,))

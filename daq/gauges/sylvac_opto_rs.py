@@ -102,9 +102,9 @@ class _Continuous:
     def read(self, message: Message | Fault) -> streamed.Reaction:
         if isinstance(message, Fault):
             return streamed.Reaction((message,))
-        readings, told = held([_read(message.data, self._gauge)], self.shapes, message)
+        readings, doubts = held([_read(message.data, self._gauge)], self.shapes, message)
         items = items_of(message, NO_TIME, readings)
-        return streamed.Reaction((*items, *told), send=self.start() if message.data.startswith(b"SY") else b"")
+        return streamed.Reaction((*items, *doubts), send=self.start() if message.data.startswith(b"SY") else b"")
 
     def silent(self) -> streamed.Reaction:
         return streamed.Reaction(send=self.start())
@@ -138,5 +138,5 @@ class _Cable(TextDevice):
             (value,) = show()
             return (f"{value:+.{_DECIMALS[self._units]}f}".encode() if math.isfinite(value) else b"ERR0") + _END
         unit = b"IN" if self._units == "inch" else b"MM"
-        known = {b"ID?": b"SY emulated", b"UNI?": unit, b"SET?": unit + b" +", b"MOD?": b"NOR"}
-        return known.get(command, b"ERR1") + _END
+        answers = {b"ID?": b"SY emulated", b"UNI?": unit, b"SET?": unit + b" +", b"MOD?": b"NOR"}
+        return answers.get(command, b"ERR1") + _END

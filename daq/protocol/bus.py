@@ -74,9 +74,12 @@ class Bus:
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._asked:
             return self._after(self._asked, self._asked.exchange.received(data, now_ns), now_ns)
-        found = [one if isinstance(one, Fault) else self._stray(one) for one in self._frames.feed(data, now_ns)]
+        items = [
+            message if isinstance(message, Fault) else self._stray(message)
+            for message in self._frames.feed(data, now_ns)
+        ]
         self._free_ns = max(self._free_ns, min(now_ns + QUIET_NS, self._idle_ns + _MOST_QUIET_NS))
-        return self._next(self._bursts.merge(found, now_ns) if found else [], now_ns)
+        return self._next(self._bursts.merge(items, now_ns) if items else [], now_ns)
 
     def tick(self, now_ns: int) -> Step:
         if self._asked:
@@ -98,7 +101,8 @@ class Bus:
             return Step(items=tuple(items), wake_ns=member.wake_ns)
         kinds = {item.kind for item in step.items if isinstance(item, Fault)}
         if FaultKind.SILENT in kinds:
-            member.wake_ns = now_ns + self._rest_ns(member)
+            doublings = min(max(0, member.silences - PATIENCE), 16)
+            member.wake_ns = now_ns + min(member.timeout_ns << doublings, max(member.timeout_ns, LONGEST_REST_NS))
             member.silences += 1
         else:
             member.silences = 0
@@ -106,11 +110,6 @@ class Bus:
         rest_ns = max(self._stirring.rest_ns(now_ns), QUIET_NS if unread else self.gap_ns)
         self._asked, self._idle_ns, self._free_ns = None, now_ns, now_ns + rest_ns
         return self._next(items, now_ns)
-
-    def _rest_ns(self, member: Member) -> int:
-        """How long a member rests after a time-out."""
-        doublings = min(max(0, member.silences - PATIENCE), 16)
-        return min(member.timeout_ns << doublings, max(member.timeout_ns, LONGEST_REST_NS))
 
     def _next(self, items: Sequence[Item], now_ns: int) -> Step:
         """Let the member ask whose turn it is, if the line is free."""
@@ -127,12 +126,12 @@ class Bus:
 
     def _items_of(self, member: Member, items: Sequence[Item]) -> list[Item]:
         """A member's items as those of the line: its value in its own column, its faults under its name and column."""
-        place, found = self._members.index(member), list[Item]()
+        place, placed = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):
-                found.append(replace(item, detail=f"{member.name}: {item.detail}", column=place))
+                placed.append(replace(item, detail=f"{member.name}: {item.detail}", column=place))
             elif isinstance(item, Sample):
                 values = [math.nan] * len(self._members)
                 (values[place],) = item.values
-                found.append(replace(item, values=tuple(values)))
-        return found
+                placed.append(replace(item, values=tuple(values)))
+        return placed

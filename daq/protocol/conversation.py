@@ -172,11 +172,11 @@ Arrival = tuple[bytes, int]
 
 def packed(items: Sequence[Item]) -> list[Samples | Fault]:
     """Return the items in their order, with single samples that follow one another as a block."""
-    found: list[Samples | Fault] = []
+    blocks: list[Samples | Fault] = []
     for kind, group in groupby(items, type):
         alike: list[Any] = list(group)
-        found += [Samples.of(alike)] if kind is Sample else alike
-    return found
+        blocks += [Samples.of(alike)] if kind is Sample else alike
+    return blocks
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,12 +60,12 @@ class Pieces:
         content = bytes(self.data[: size - trailer])
         del self.data[:size]
         first_ns = last_ns = self._arrivals[0][1]
-        left = size
-        while left:
+        remaining = size
+        while remaining:
             length, last_ns = self._arrivals.popleft()
-            if length > left:
-                self._arrivals.appendleft((length - left, last_ns))
-            left -= min(length, left)
+            if length > remaining:
+                self._arrivals.appendleft((length - remaining, last_ns))
+            remaining -= min(length, remaining)
         return Message(content, size, first_ns, last_ns)
 
     def clear(self) -> None:
@@ -98,23 +98,23 @@ class Lines:
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         pieces, ending = self._pieces, len(self._delimiter)
         pieces.add(data, now_ns)
-        found: list[Message | Fault] = []
+        messages: list[Message | Fault] = []
         if self.echo and pieces.data.startswith(self.echo):
             pieces.take(len(self.echo))
         self._pass_line_feeds()
         while (content := pieces.data.find(self._delimiter)) >= 0:
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:
-                found.append(self._endless(now_ns) if message.size > LIMIT else message)
+                messages.append(self._endless(now_ns) if message.size > LIMIT else message)
             self._skipping = False
             self._pass_line_feeds()
         if len(pieces.data) >= LIMIT:
             if not self._skipping:
-                found.append(self._endless(now_ns))
+                messages.append(self._endless(now_ns))
             self._skipping = True
         if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
             pieces.take(surplus)  # what stays may be the beginning of a delimiter
-        return found
+        return messages
 
     def _pass_line_feeds(self) -> None:
         while self._delimiter == b"\r" and self._pieces.data.startswith(b"\n"):
@@ -152,15 +152,15 @@ class Sized:
         if not self._pieces.data and len(data) >= self._header and self._length(data[: self._header]) == len(data):
             return [Message(data, len(data), now_ns, now_ns)]  # an answer, nearly always, without the work of cutting
         self._pieces.add(data, now_ns)
-        found: list[Message | Fault] = []
+        messages: list[Message | Fault] = []
         while size := self._next_size(self._pieces.data):
-            found.append(self._pieces.take(size))
+            messages.append(self._pieces.take(size))
         if size is None:
             head = bytes(self._pieces.data[: self._header])
             self._pieces.clear()
             self._lost = True
-            found.append(Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}"))
-        return found
+            messages.append(Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}"))
+        return messages
 
     def _next_size(self, pending: bytearray) -> int | None:
         """The size of the message that is whole; 0 where more has to come first, None where no message begins so."""

@@ -195,15 +195,15 @@ class RtuRequests:
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message]:
         self._data += data
-        found, start = list[Message](), 0
+        requests, start = list[Message](), 0
         while len(self._data) - start >= REQUEST:
             frame = bytes(self._data[start : start + REQUEST])
             good = intact(frame)
             if good:
-                found.append(Message(frame, REQUEST, now_ns, now_ns))
+                requests.append(Message(frame, REQUEST, now_ns, now_ns))
             start += REQUEST if good else 1
         del self._data[:start]
-        return found
+        return requests
 
 
 class RtuReplies(Sized):

@@ -116,23 +116,23 @@ class HeldShape:
             return False, self._misshapen(written, "a sign may be lost")
         return self._believed(written)
 
-    def _differing(self, written: Written, shape: Shape, held: Shape) -> tuple[bool, Doubt | None]:
+    def _differing(self, written: Written, shape: Shape, usual: Shape) -> tuple[bool, Doubt | None]:
         self._others = self._others + 1 if shape == self._other else 1
         self._other = shape
         if self._agreed < AGREED and self._others > self._agreed:
             before, self._agreed = self._agreed, 0
-            doubt = f"readings before had {_told(held)}, all since have {_told(shape)}; they may be damaged"
+            doubt = f"readings before had {_told(usual)}, all since have {_told(shape)}; they may be damaged"
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
-        if shape.decimals != held.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
-            return False, Doubt(FaultKind.UNIT_CHANGED, _changed(shape, held))
-        alike = (shape.decimals, shape.fields) == (held.decimals, held.fields)
-        if self._others >= AGREED and shape.decimals == held.decimals:
+        if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
+            return False, Doubt(FaultKind.UNIT_CHANGED, _changed(shape, usual))
+        alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
+        if self._others >= AGREED and shape.decimals == usual.decimals:
             return self._believed(written)  # it was set otherwise
-        narrower = shape.width < held.width
+        narrower = shape.width < usual.width
         if not alike or _PADDED.match(written.text) or (self._padded and narrower):
-            return False, self._misshapen(written, f"so far they had {_told(held)}")
-        if self._may_be_damaged(written, shape.width - held.width) and not self._borne_out(written):
-            return False, self._misshapen(written, f"so far they had {_told(held)}")
+            return False, self._misshapen(written, f"so far they had {_told(usual)}")
+        if self._may_be_damaged(written, shape.width - usual.width) and not self._borne_out(written):
+            return False, self._misshapen(written, f"so far they had {_told(usual)}")
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
@@ -168,10 +168,6 @@ class HeldShape:
         self._last_mm = middle_mm
         return Doubt(FaultKind.DOUBTFUL, f"a reading of {detail}: one digit may be damaged; check the cable")
 
-    def _reach_mm(self, written: Written) -> float:
-        """How far the next reading may lie from the last, by the steps of late and the last digit."""
-        return _REACH * max([*map(abs, self._steps_mm), written.mm * 10.0**-written.shape.decimals])
-
     @property
     def _expected_mm(self) -> float:
         """Where the last two readings lead."""
@@ -195,7 +191,8 @@ class HeldShape:
     def _lost_its_sign(self, written: Written) -> bool:
         if b"-" not in self._text or b"-" in written.text or b"+" in written.text:
             return False
-        if len(self._steps_mm) < AGREED or abs(written.value_mm - self._last_mm) <= self._reach_mm(written):
+        reach_mm = _REACH * max([*map(abs, self._steps_mm), written.mm * 10.0**-written.shape.decimals])
+        if len(self._steps_mm) < AGREED or abs(written.value_mm - self._last_mm) <= reach_mm:
             return False
         return abs(-written.value_mm - self._expected_mm) < abs(written.value_mm - self._expected_mm)
 
@@ -224,10 +221,10 @@ def _told(shape: Shape) -> str:
     return f"{shape.width} characters with {shape.decimals} decimals{numbers}"
 
 
-def _changed(shape: Shape, held: Shape) -> str:
-    what = f"the gauge writes {shape.decimals} decimals, before it wrote {held.decimals}"
+def _changed(shape: Shape, usual: Shape) -> str:
+    change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
     then = "switch it back; if it is meant, correct `units` and start rigd again"
-    return f"{what}: somebody pressed in/mm, or changed its resolution; {then}"
+    return f"{change}: somebody pressed in/mm, or changed its resolution; {then}"
 
 
 def _number(text: bytes) -> float:

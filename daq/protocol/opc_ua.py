@@ -53,8 +53,8 @@ def chunks() -> Sized:
 
 def _chunk_size(header: bytes) -> int | None:
     kind, _, size = _HEADER.unpack(header)
-    known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
-    return size if known and _HEADER.size <= size <= CHUNK else None
+    is_known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
+    return size if is_known and _HEADER.size <= size <= CHUNK else None
 
 
 class Channel:
@@ -83,11 +83,11 @@ class Channel:
         room = self._longest - _HEADER.size - len(head) - _NUMBERS.size
         parts = [body[begin : begin + room] for begin in range(0, len(body), room)]
         return b"".join(
-            _HEADER.pack(kind, more, _HEADER.size + len(head) + _NUMBERS.size + len(part))
+            _HEADER.pack(kind, final, _HEADER.size + len(head) + _NUMBERS.size + len(part))
             + head
             + _NUMBERS.pack(self._next_number(), request)
             + part
-            for part, more in zip(parts, [_INTERMEDIATE] * (len(parts) - 1) + [_FINAL], strict=True)
+            for part, final in zip(parts, [_INTERMEDIATE] * (len(parts) - 1) + [_FINAL], strict=True)
         )
 
     def _next_number(self) -> int:
@@ -96,32 +96,30 @@ class Channel:
 
     def read(self, chunk: bytes) -> Received | None:
         """Return the message that a chunk completes; None where more has to come. Raises Unreadable."""
-        kind, more, _ = _HEADER.unpack_from(chunk)
+        kind, final, _ = _HEADER.unpack_from(chunk)
         if kind in _PLAIN:
             return Received(kind, 0, chunk[_HEADER.size :])
         if kind == OPEN:
-            rest = Bounded(chunk[_HEADER.size + 4 :])
-            policy = structure(ua.AsymmetricAlgorithmHeader, rest).SecurityPolicyURI
+            remainder = Bounded(chunk[_HEADER.size + 4 :])
+            policy = structure(ua.AsymmetricAlgorithmHeader, remainder).SecurityPolicyURI
             if policy != NO_SECURITY:
                 raise Unreadable(f"a channel with the security policy {str(policy)[:100]!r}")
         else:
-            rest = Bounded(chunk[_HEADER.size + 8 :])
-        request = structure(ua.SequenceHeader, rest).RequestId
-        return self._whole(kind, more, request, rest.read(len(rest)))
-
-    def _whole(self, kind: bytes, more: bytes, request: int, part: bytes) -> Received | None:
-        if more == _ABORT:
-            said = decoded(ua.ErrorMessage, part)
-            raise Unreadable(f"a message is broken off: {said.Error.name} ({(said.Reason or '')[:100]})")
-        if more not in (_INTERMEDIATE, _FINAL):
-            raise Unreadable(f"a chunk of the kind {more!r}")
+            remainder = Bounded(chunk[_HEADER.size + 8 :])
+        request = structure(ua.SequenceHeader, remainder).RequestId
+        part = remainder.read(len(remainder))
+        if final == _ABORT:
+            reply = decoded(ua.ErrorMessage, part)
+            raise Unreadable(f"a message is broken off: {reply.Error.name} ({(reply.Reason or '')[:100]})")
+        if final not in (_INTERMEDIATE, _FINAL):
+            raise Unreadable(f"a chunk of the kind {final!r}")
         if self._parts and request != self._begun:
             raise Unreadable(f"a part of message {request} within message {self._begun}")
         self._begun = request
         self._parts.append(part)
         if len(self._parts) > CHUNKS or sum(map(len, self._parts)) > LIMIT:
             raise Unreadable(f"a message of more than {LIMIT} bytes or {CHUNKS} chunks")
-        if more == _INTERMEDIATE:
+        if final == _INTERMEDIATE:
             return None
         whole, self._parts = b"".join(self._parts), []
         return Received(kind, request, whole)

@@ -132,13 +132,13 @@ def _structure_reader(kind: type[Any]) -> Reader:
         parts.append((field.name, bit, _reader(hint)))
 
     def read(data: Bounded) -> Any:
-        found, present = dict[str, Any](), 0
+        values, present = dict[str, Any](), 0
         for name, bit, reader in parts:
             if name == "Encoding":
                 present = reader(data)
             elif not bit or present & bit:
-                found[name] = reader(data)
-        return kind(**found)
+                values[name] = reader(data)
+        return kind(**values)
 
     return read
 
@@ -165,10 +165,10 @@ def _extension_object(data: Bounded) -> Any:
     if kind is None or encoding != _BINARY_BODY:
         return ua.ExtensionObject(type_id, Body=data.read(max(0, size)))
     before = len(data)
-    found = _reader(kind)(data)
+    structure = _reader(kind)(data)
     if size != _UNKNOWN_SIZE:
         data.read(size - (before - len(data)))  # fields of a later version
-    return found
+    return structure
 
 
 _OTHERS: dict[Any, Reader] = {

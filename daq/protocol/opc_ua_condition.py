@@ -24,9 +24,9 @@ _SUSPENDED = "Suspended"
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
     """Return all columns of the condition. shown: values by browse name (temperatures by column); nan: not shown."""
-    found = {PROGRAM: _program(shown), SAFETY: _safety(shown), MOTORS: _flag(shown.get(DRIVES))}
-    found |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
-    return found | {name: _number(shown.get(name)) for name in TEMPERATURES}
+    columns = {PROGRAM: _program(shown), SAFETY: _safety(shown), MOTORS: _flag(shown.get(DRIVES))}
+    columns |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
+    return columns | {name: _number(shown.get(name)) for name in TEMPERATURES}
 
 
 def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from asyncua import ua
 
 from daq.protocol.opc_ua_condition import FRONT, READY, STATE
 from rigs.schema.condition import TEMPERATURES
-from rigs.schema.opc_ua import OPCUARobotics, are_nodes
+from rigs.schema.feedback import OPCUARobotics, are_nodes
 
 T = TypeVar("T")
 Talk = Generator[Any, Any, T]
@@ -71,9 +71,9 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
     system, robot = yield from _system_and_robot(feedback)
     axes = _in_order((yield from _below(robot.get("Axes"))), feedback)
     parameters = yield from _parameters(list(axes.values()))
-    if missing := [name for name, own in zip(axes, parameters, strict=True) if "ActualPosition" not in own]:
+    if missing := [name for name, below in zip(axes, parameters, strict=True) if "ActualPosition" not in below]:
         raise Unfit(f"axis {missing[0]!r} shows no ActualPosition; name `axes` by node ids")
-    positions = [own["ActualPosition"] for own in parameters]
+    positions = [below["ActualPosition"] for below in parameters]
     deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
     shown = (yield from _shown(system, robot, list(axes.values()))) if feedback.condition else {}
     return RobotNodes(tuple(positions), deg_per_unit, shown)
@@ -105,7 +105,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
             raise Unfit(f"there is no axis {missing[0]!r}; the axes are {names}; correct `axes`")
         return {axis: axes[axis] for axis in feedback.axes}
-    numbers = {int(found[1]): name for name in axes if (found := _NUMBERED.fullmatch(name))}
+    numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
     if len(axes) != 6 or len(numbers) != 6:
         raise Unfit(f"which axes are q1 to q6 is not known; the axes are {names}; name six of them as `axes`")
     return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
@@ -117,11 +117,11 @@ def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCU
     stated = [None if unit is None else _deg_per(unit) for unit in units]
     if unknown := [k for k, unit in enumerate(units) if unit is not None and stated[k] is None]:
         raise Unfit(f"axis {names[unknown[0]]!r} is measured in {_name(units[unknown[0]])!r}, no angle; correct `axes`")
-    given = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
-    found = tuple(per or given for per in stated)
-    if any(per is None for per in found):
-        raise Unfit(f"the server does not state the unit of axis {names[found.index(None)]!r}; state `units`")
-    return tuple(per for per in found if per is not None)
+    declared = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
+    scales = tuple(per or declared for per in stated)
+    if any(per is None for per in scales):
+        raise Unfit(f"the server does not state the unit of axis {names[scales.index(None)]!r}; state `units`")
+    return tuple(per for per in scales if per is not None)
 
 
 def _deg_per(unit: Any) -> float | None:
@@ -134,32 +134,32 @@ def _name(unit: Any) -> str:
 
 def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
     """The nodes of the condition that the server has. Of several safety states or tasks, none."""
-    found: dict[str, Any] = {}
-    (own,) = yield from _parameters_of_children([robot])
+    nodes: dict[str, Any] = {}
+    (parameters,) = yield from _parameters_of_children([robot])
     safety = (yield from _below(system.get("SafetyStates"))).values()
     safe = (yield from _parameters(list(safety)))[0] if len(safety) == 1 else {}
-    found |= {name: below[name] for below in (own, safe) for name in FRONT if name in below}
+    nodes |= {name: below[name] for below in (parameters, safe) for name in FRONT if name in below}
     load = yield from _below(robot.get("FlangeLoad"))
     motors = yield from _motors(robot, axes)
     measured = {name: node for name, node in {"Mass": load.get("Mass"), **motors}.items() if node is not None}
     units = yield from engineering_units(list(measured.values()))
     for (name, node), unit in zip(measured.items(), units, strict=True):
         if unit is not None and unit.UnitId == (KILOGRAM if name == "Mass" else CELSIUS):
-            found[name] = node
-    return found | (yield from _task(system))
+            nodes[name] = node
+    return nodes | (yield from _task(system))
 
 
 def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
     """The temperatures of the motors by their columns: a power train shows the axis that it moves beside its motors."""
     trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
-    found: dict[str, Any] = {}
+    temperatures: dict[str, Any] = {}
     for train in trains:
         moved = [axes.index(node) for node in train.values() if node in axes]
-        own = yield from _parameters([node for node in train.values() if node not in axes])
-        warm = [below["MotorTemperature"] for below in own if "MotorTemperature" in below]
+        parameters = yield from _parameters([node for node in train.values() if node not in axes])
+        warm = [below["MotorTemperature"] for below in parameters if "MotorTemperature" in below]
         if len(moved) == 1 and warm:
-            found[TEMPERATURES[moved[0]]] = warm[0]
-    return found
+            temperatures[TEMPERATURES[moved[0]]] = warm[0]
+    return temperatures
 
 
 def _task(system: Children) -> Talk[dict[str, Any]]:
@@ -189,17 +189,17 @@ def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
 
 
 def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
-    sets = yield from children([own["ParameterSet"] for own in below if "ParameterSet" in own])
+    sets = yield from children([node["ParameterSet"] for node in below if "ParameterSet" in node])
     remaining = iter(sets)
-    return [next(remaining) if "ParameterSet" in own else {} for own in below]
+    return [next(remaining) if "ParameterSet" in node else {} for node in below]
 
 
 def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
     """Return the EUInformation of each variable; None where it has none."""
     below = yield from children(variables)
-    units = yield from values([own["EngineeringUnits"] for own in below if "EngineeringUnits" in own])
+    units = yield from values([node["EngineeringUnits"] for node in below if "EngineeringUnits" in node])
     remaining = iter(units)
-    read = [next(remaining) if "EngineeringUnits" in own else None for own in below]
+    read = [next(remaining) if "EngineeringUnits" in node else None for node in below]
     return [unit if isinstance(unit, ua.EUInformation) else None for unit in read]
 
 
@@ -208,8 +208,8 @@ def values(variables: Sequence[Any]) -> Talk[list[Any]]:
     if not variables:
         return []
     results = (yield read_request(variables)).Results or ()
-    found = [None if result.Value is None else result.Value.Value for result in results]
-    return [*found, *[None] * len(variables)][: len(variables)]
+    read = [None if result.Value is None else result.Value.Value for result in results]
+    return [*read, *[None] * len(variables)][: len(variables)]
 
 
 def read_request(variables: Sequence[Any]) -> Any:
@@ -231,21 +231,21 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
     results = (yield request).Results or ()
     if len(results) != len(nodes):
         raise Unfit(f"the server answers for {len(results)} nodes where it was asked for {len(nodes)}; update it")
-    found = [_named(result.References) for result in results]
+    named = [_named(result.References) for result in results]
     open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
     for _ in range(_MOST_PAGES):
-        if (shown := sum(map(len, found))) > _MOST_NODES:
+        if (shown := sum(map(len, named))) > _MOST_NODES:
             raise Unfit(f"the server shows {shown} nodes where a robot is looked for; name `axes` by node ids")
         if not open_:
             break
-        more = ua.BrowseNextRequest()
-        more.Parameters.ReleaseContinuationPoints = False
-        more.Parameters.ContinuationPoints = list(open_.values())
-        pages = dict(zip(open_, (yield more).Parameters.Results or (), strict=False))
+        next_page = ua.BrowseNextRequest()
+        next_page.Parameters.ReleaseContinuationPoints = False
+        next_page.Parameters.ContinuationPoints = list(open_.values())
+        pages = dict(zip(open_, (yield next_page).Parameters.Results or (), strict=False))
         for k, page in pages.items():
-            found[k] |= _named(page.References)
+            named[k] |= _named(page.References)
         open_ = {k: page.ContinuationPoint for k, page in pages.items() if page.ContinuationPoint}
-    return list(found)
+    return list(named)
 
 
 def _named(references: Sequence[Any] | None) -> dict[str, Any]:

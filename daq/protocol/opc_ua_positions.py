@@ -48,7 +48,8 @@ class Together:
         if any(math.isnan(value.clock_s) for value in ordered):
             ordered = list({value.axis: value for value in ordered}.values())  # which belong together is not known
         for value in ordered:
-            if self._open and (value.axis in self._open or self._is_later(value)):
+            since_s = value.clock_s - min((begun.clock_s for begun in self._open.values()), default=value.clock_s)
+            if value.axis in self._open or since_s > self._together_s:
                 yield from self.end()
             self._open[value.axis] = value
             if len(self._open) == _AXES:
@@ -66,6 +67,3 @@ class Together:
             status = max(value.status for value in self._known.values())
             first_s, last_s = min(stamps_s), max(stamps_s)
             yield ArmPosition(angles_deg, (first_s + last_s) / 2, status, last_s - first_s)
-
-    def _is_later(self, value: AxisValue) -> bool:
-        return value.clock_s - min(begun.clock_s for begun in self._open.values()) > self._together_s

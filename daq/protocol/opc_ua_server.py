@@ -34,8 +34,7 @@ from daq.protocol.opc_ua_condition import shown_of
 from daq.protocol.opc_ua_space import Space, robot_space
 from daq.protocol.positions import Pace
 from rigs.schema.condition import UNDISTURBED
-from rigs.schema.feedback import condition_columns
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics, condition_columns
 
 _REQUESTS = {
     kind().TypeId.Identifier: kind
@@ -119,7 +118,15 @@ class RobotServer:
             self._channel.agree(decoded(ua.Hello, received.body).ReceiveBufferSize)
             return self._channel.packed(ACKNOWLEDGE, ua.Acknowledge(0, CHUNK, CHUNK, LIMIT, CHUNKS))
         if received.kind == OPEN:
-            return self._opened(decoded(ua.OpenSecureChannelRequest, received.body), received.request, now_ns)
+            request = decoded(ua.OpenSecureChannelRequest, received.body)
+            self._channel.number, self._channel.token = 1, self._channel.token + 1
+            lifetime_ms = min(request.Parameters.RequestedLifetime, _LONGEST_TOKEN_MS)
+            response = ua.OpenSecureChannelResponse()
+            response.Parameters.SecurityToken = ua.ChannelSecurityToken(
+                self._channel.number, self._channel.token, self._clock(now_ns), lifetime_ms
+            )
+            response.ResponseHeader.Timestamp = NO_STAMP
+            return self._channel.packed(OPEN, response, received.request)
         if received.kind == CLOSE:
             raise Unreadable("the channel is closed")
         kind = _REQUESTS.get(type_of(received.body))
@@ -139,16 +146,6 @@ class RobotServer:
         response.ResponseHeader.Timestamp = NO_STAMP
         return self._channel.packed(MESSAGE, response, number)
 
-    def _opened(self, request: Any, number: int, now_ns: int) -> bytes:
-        self._channel.number, self._channel.token = 1, self._channel.token + 1
-        lifetime_ms = min(request.Parameters.RequestedLifetime, _LONGEST_TOKEN_MS)
-        response = ua.OpenSecureChannelResponse()
-        response.Parameters.SecurityToken = ua.ChannelSecurityToken(
-            self._channel.number, self._channel.token, self._clock(now_ns), lifetime_ms
-        )
-        response.ResponseHeader.Timestamp = NO_STAMP
-        return self._channel.packed(OPEN, response, number)
-
     def _served(self, request: Any, now_ns: int) -> Any:
         """The response to a request."""
         response = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")()
@@ -157,7 +154,14 @@ class RobotServer:
             case ua.CreateSessionRequest():
                 response.Parameters.AuthenticationToken = ua.NodeId("session", 1)
                 response.Parameters.RevisedSessionTimeout = asked.RequestedSessionTimeout
-                response.Parameters.ServerEndpoints = [_endpoint(asked.EndpointUrl)]
+                anonymous = ua.UserTokenPolicy(PolicyId="anonymous", TokenType=ua.UserTokenType.Anonymous)
+                endpoint = ua.EndpointDescription(
+                    EndpointUrl=asked.EndpointUrl,
+                    SecurityMode=ua.MessageSecurityMode.None_,
+                    SecurityPolicyUri=NO_SECURITY,
+                    UserIdentityTokens=[anonymous],
+                )
+                response.Parameters.ServerEndpoints = [endpoint]
             case ua.BrowseRequest():
                 response.Results = [self._space.browsed(description.NodeId) for description in asked.NodesToBrowse]
             case ua.ReadRequest():
@@ -204,10 +208,10 @@ class RobotServer:
 
     def _values(self, now_ns: int) -> dict[str, Any]:
         """What the robot shows, by the names of its variables."""
-        given = self._read(now_ns)
-        condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), given[6:], strict=True))
+        values = self._read(now_ns)
+        condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), values[6:], strict=True))
         in_rad = self._feedback.units == "rad"
-        angles = map(math.radians if in_rad else float, given[:6])
+        angles = map(math.radians if in_rad else float, values[:6])
         return {f"q{axis}": angle for axis, angle in enumerate(angles, 1)} | shown_of(condition)
 
     def _value(self, values: dict[str, Any], node: Any, now_ns: int) -> Any:
@@ -217,13 +221,3 @@ class RobotServer:
         plain = values[name]
         variant = ua.Variant(ua.LocalizedText(plain)) if isinstance(plain, str) else ua.Variant(plain)
         return ua.DataValue(variant, SourceTimestamp=self._clock(now_ns))
-
-
-def _endpoint(url: str) -> Any:
-    anonymous = ua.UserTokenPolicy(PolicyId="anonymous", TokenType=ua.UserTokenType.Anonymous)
-    return ua.EndpointDescription(
-        EndpointUrl=url,
-        SecurityMode=ua.MessageSecurityMode.None_,
-        SecurityPolicyUri=NO_SECURITY,
-        UserIdentityTokens=[anonymous],
-    )

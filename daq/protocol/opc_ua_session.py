@@ -13,7 +13,7 @@ from asyncua import ua
 
 from daq.protocol.opc_ua import CHUNK, CHUNKS, LIMIT
 from daq.protocol.opc_ua_nodes import RobotNodes, Talk, Unfit
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics
 
 CHANNEL_MS = 3_600_000
 """How long a channel is asked to live before it is renewed."""

@@ -11,7 +11,7 @@ from asyncua import ua
 from daq.protocol.opc_ua_condition import DRIVES, EMERGENCY, MASS, MODE, OVERRIDE, PROTECTIVE, READY, STATE
 from daq.protocol.opc_ua_nodes import CELSIUS, DEGREE, KILOGRAM, OBJECTS
 from rigs.schema.condition import TEMPERATURES
-from rigs.schema.opc_ua import OPCUARobotics, are_nodes
+from rigs.schema.feedback import OPCUARobotics, are_nodes
 
 _OURS = 4
 """The number of the namespace in which this server's nodes are."""
@@ -88,8 +88,8 @@ def robot_space(feedback: OPCUARobotics) -> Space:
 
 def _axes(feedback: OPCUARobotics) -> Iterator[tuple[str, Any | None]]:
     """Names of q1 … q6, and the nodes of their positions where the rig file gives those."""
-    given: Sequence[str] = feedback.axes or ()
-    if given and are_nodes(given):
-        yield from ((f"Axis_{number}", ua.NodeId.from_string(axis)) for number, axis in enumerate(given, 1))
+    declared: Sequence[str] = feedback.axes or ()
+    if declared and are_nodes(declared):
+        yield from ((f"Axis_{number}", ua.NodeId.from_string(axis)) for number, axis in enumerate(declared, 1))
         return
-    yield from ((name, None) for name in given or [f"Axis_{number}" for number in range(1, 7)])
+    yield from ((name, None) for name in declared or [f"Axis_{number}" for number in range(1, 7)])

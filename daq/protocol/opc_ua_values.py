@@ -16,8 +16,7 @@ from daq.protocol.opc_ua import NO_STAMP
 from daq.protocol.opc_ua_condition import condition_of
 from daq.protocol.opc_ua_nodes import RobotNodes, read_request
 from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
-from rigs.schema.feedback import condition_columns
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import OPCUARobotics, condition_columns
 
 _TOGETHER = 0.5
 """Stamps of axes within this share of the interval are of one sample."""
@@ -84,8 +83,8 @@ class RobotValues:
         severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
         axes = len(self._nodes.axes)
         if axes <= place < axes + len(self._names):
-            said = plain.Text if isinstance(plain, ua.LocalizedText) else plain
-            self._shown[self._names[place - axes]] = said if severity <= _UNCERTAIN else None
+            text = plain.Text if isinstance(plain, ua.LocalizedText) else plain
+            self._shown[self._names[place - axes]] = text if severity <= _UNCERTAIN else None
         elif place < axes:
             angle = math.nan
             if isinstance(plain, float | int) and not isinstance(plain, bool) and severity <= _UNCERTAIN:
@@ -96,7 +95,11 @@ class RobotValues:
             if code & _OVERFLOW == _OVERFLOW:
                 yield Fault(FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values found no room in the server's queue")
             status = code & _CODE if severity == _UNCERTAIN else 0
-            values.append(AxisValue(place, angle * self._nodes.deg_per_unit[place], _clock_s(value), status))
+            stamps = [
+                stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)
+            ]
+            clock_s = float(stamps[0].timestamp()) if stamps else math.nan
+            values.append(AxisValue(place, angle * self._nodes.deg_per_unit[place], clock_s, status))
 
     def _samples(self, positions: Iterable[ArmPosition], asked_ns: int, message: Message) -> Iterator[Item]:
         shown, at_ns = condition_of(self._shown), message.last_byte_ns
@@ -109,12 +112,7 @@ class RobotValues:
                 continue
             if position.apart_s > _APART_S and not self._apart_reported:
                 self._apart_reported = True
-                what = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
-                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{what}; the middle is taken")
+                detail = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
+                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the middle is taken")
             values = (*position.angles_deg, *condition)
             yield Sample(values, *stamps, message.size, position.clock_s, position.status)
-
-
-def _clock_s(value: Any) -> float:
-    stamps = [stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)]
-    return float(stamps[0].timestamp()) if stamps else math.nan

@@ -87,12 +87,12 @@ def echoed_part(sent: bytes, heard: bytes) -> int:
     """Return how many bytes of a request came back, where a part of it did: without its first bytes, which an adapter
     misses that turns round late, or without its last, which the answer has cut off. 0 where none did."""
     for skipped in range(len(sent) - _ECHOED + 1):
-        left = sent[skipped:]
-        same = next(
-            (k for k, (a, b) in enumerate(zip(left, heard, strict=False)) if a != b), min(len(left), len(heard))
+        tail = sent[skipped:]
+        length = next(
+            (k for k, (a, b) in enumerate(zip(tail, heard, strict=False)) if a != b), min(len(tail), len(heard))
         )
-        if same >= _ECHOED and (skipped == 0 or same == len(left)):
-            return same
+        if length >= _ECHOED and (skipped == 0 or length == len(tail)):
+            return length
     return 0
 
 
@@ -218,6 +218,8 @@ class Polled:
         if isinstance(message, Fault):
             return Reply((self._explained(message),), Then.DRAIN)
         reply = self._dialect.read(message, self._requested_ns)
+        if not any(isinstance(item, Fault) for item in reply.items):
+            return reply  # a reading, nearly always
         return replace(reply, items=tuple(map(self._explained, reply.items)))
 
     def _explained(self, item: Item) -> Item:

@@ -59,13 +59,13 @@ class DatagramLines(Datagrams):
     """Treats each line of a datagram as one message; the datagrams as `Datagrams` does."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        found: list[Message | Fault] = []
+        messages: list[Message | Fault] = []
         for datagram in super().feed(data, now_ns):
             if isinstance(datagram, Fault):
-                found.append(datagram)
+                messages.append(datagram)
             else:
-                found += [Message(line, len(line), now_ns, now_ns) for line in datagram.data.splitlines()]
-        return found
+                messages += [Message(line, len(line), now_ns, now_ns) for line in datagram.data.splitlines()]
+        return messages
 
 
 _BEHIND = 20
@@ -92,10 +92,14 @@ class Order:
         if last is None:
             self._last = number
             return (sample,)
-        passed = self._passed(last, number)
+        # Messages from the last one to this, negative for an earlier one.
+        ahead = (number - last) % self._modulus
+        signed = ahead if ahead < self._modulus // 2 else ahead - self._modulus
+        # Less than a step ahead is the next all the same: a controller may be quicker than the rig file says.
+        passed = max(1, round(signed / self._step)) if signed > 0 else signed // self._step
         if -_BEHIND < passed <= 0:
-            what = "came twice" if number == last else f"came after {last}"
-            return (Fault(FaultKind.LATE, at_ns, f"datagram {number} {what}; left out; check the network"),)
+            problem = "came twice" if number == last else f"came after {last}"
+            return (Fault(FaultKind.LATE, at_ns, f"datagram {number} {problem}; left out; check the network"),)
         self._last = number
         if passed == 1:
             return (sample,)
@@ -104,13 +108,6 @@ class Order:
             return Fault(FaultKind.SKIPPED, at_ns, detail), sample
         detail = f"the controller's counter goes from {last} to {number}; check the network and the host's load"
         return Fault(FaultKind.SKIPPED, at_ns, detail, passed - 1), sample
-
-    def _passed(self, last: int, number: int) -> int:
-        """Messages from the last one to this, negative for an earlier one."""
-        ahead = (number - last) % self._modulus
-        signed = ahead if ahead < self._modulus // 2 else ahead - self._modulus
-        # Less than a step ahead is the next all the same: a controller may be quicker than the rig file says.
-        return max(1, round(signed / self._step)) if signed > 0 else signed // self._step
 
 
 _MAX_CLOCK_S = 1e11
@@ -159,7 +156,9 @@ class Positions:
         if isinstance(message, Fault):
             return Reaction((message,))
         position, at_ns = self._decode(message.data), message.last_byte_ns
-        if isinstance(position, Position) and not _sound(position):
+        if isinstance(position, Position) and not (
+            0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
+        ):
             detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; left out"
             position = Refused(FaultKind.GARBLED, detail)
         if isinstance(position, Refused):
@@ -169,10 +168,6 @@ class Positions:
         values = (*position.angles_deg, *position.condition)
         sample = Sample(values, *stamps, message.size, position.clock_s)
         return Reaction(self._order.admit(sample, position.number))
-
-
-def _sound(position: Position) -> bool:
-    return 0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
 
 
 class Pace:
@@ -224,11 +219,11 @@ class SteadySteps:
         if not clock_s > before_s:
             return []
         self._unjudged.append((before_s, clock_s))
-        told = [] if math.isfinite(self._period_s) else self._found_period(at_ns)
+        faults = [] if math.isfinite(self._period_s) else self._found_period(at_ns)
         if math.isnan(self._period_s):
             return []
         steps, self._unjudged = self._unjudged, []
-        return [*told, *(fault for step in steps for fault in self._skipped(*step, at_ns))]
+        return [*faults, *(fault for step in steps for fault in self._skipped(*step, at_ns))]
 
     def _found_period(self, at_ns: int) -> list[Fault]:
         """Take the period from the steps so far, if they are enough."""

@@ -19,7 +19,7 @@ Field = tuple[int, int, int | bytes]
 
 def fields(data: bytes) -> list[Field] | None:
     """Return the fields of a message in their order; None if the bytes are not a message."""
-    found: list[Field] = []
+    message: list[Field] = []
     at = 0
     while at < len(data):
         key, at = _varint(data, at)
@@ -36,8 +36,8 @@ def fields(data: bytes) -> list[Field] | None:
             value, at = data[at : at + size], at + size
         if number < 1 or at > len(data):
             return None
-        found.append((number, wire_type, value))
-    return found
+        message.append((number, wire_type, value))
+    return message
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
@@ -64,15 +64,15 @@ def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
 
 def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
     """Return the values of a repeated double, packed or not."""
-    wanted = [value for key, wire_type, value in message if key == number and wire_type in (FIXED64, BYTES)]
-    data = b"".join(value for value in wanted if isinstance(value, bytes))
+    values = [packed for key, wire_type, packed in message if key == number and wire_type in (FIXED64, BYTES)]
+    data = b"".join(packed for packed in values if isinstance(packed, bytes))
     return struct.unpack(f"<{len(data) // 8}d", data[: len(data) // 8 * 8])
 
 
 def varint(value: int) -> bytes:
     """Encode an integer."""
-    low, rest = value & 0x7F, value >> 7
-    return bytes([low | 0x80]) + varint(rest) if rest else bytes([low])
+    low, high = value & 0x7F, value >> 7
+    return bytes([low | 0x80]) + varint(high) if high else bytes([low])
 
 
 def integer(number: int, value: int) -> bytes:

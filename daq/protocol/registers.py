@@ -126,10 +126,10 @@ class RegisterDialect:
         """What a sound answer of this instrument means, or one to an earlier request."""
         at_ns, resync = message.last_byte_ns, self._resync
         refusal, registers = exception_of(content), registers_of(content)
-        other = refusal is None and (registers is None or len(registers) != self._count)
-        if other and (self._wire.numbered or registers is None or not _is_known(resync, len(registers))):
+        mismatched = refusal is None and (registers is None or len(registers) != self._count)
+        if mismatched and (self._wire.numbered or registers is None or not _is_known(resync, len(registers))):
             return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
-        if other:
+        if mismatched:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         resync.answered()
@@ -180,8 +180,8 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Layout,
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Layout, *, good: bool) -> None:
     """Put a status into the block: the first listed one if `good`, else one that is not listed."""
     if status is not None:
-        known = (*status.good, *status.doubtful)
-        pack(registers, status, layout, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
+        listed = (*status.good, *status.doubtful)
+        pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
 
 
 def _garbled(detail: str, at_ns: int) -> Reply:
@@ -243,11 +243,11 @@ class RegisterDevice:
         if request is None:
             return ExcCodes.ILLEGAL_VALUE
         for place in served:
-            block, held = self._blocks[place]
+            block, content_at = self._blocks[place]
             start = request.address - block.address
             if start < 0 or start + request.count > block.count:
                 continue
-            registers = held(now_ns)
+            registers = content_at(now_ns)
             if registers is None:
                 return ExcCodes.DEVICE_FAILURE
             self.sent += place < self._readings

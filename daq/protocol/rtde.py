@@ -135,7 +135,7 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
     """Return the fields by which a controller shows a condition and currents, where both are known."""
     fields = _condition_fields(shown) if PROGRAM in shown else {}
     (name,) = CURRENT_TYPES
-    return fields | ({name: tuple(shown[one] for one in CURRENTS)} if CURRENTS[0] in shown else {})
+    return fields | ({name: tuple(shown[current] for current in CURRENTS)} if CURRENTS[0] in shown else {})
 
 
 def _condition_fields(condition: Mapping[str, float]) -> dict[str, Numbers]:

@@ -132,13 +132,13 @@ class QuicklyStreamed(Streamed):
     def received_all(self, arrivals: Sequence[Arrival]) -> Step:
         if self._over:
             return Step(hang_up=True)
-        send, items, rest, slowly = b"", list[Item](), arrivals, _FIRST_SLOWLY_BYTES
-        while rest:
-            samples, rest = self._quick.read_run(rest)
+        send, items, remaining, slowly = b"", list[Item](), arrivals, _FIRST_SLOWLY_BYTES
+        while remaining:
+            samples, remaining = self._quick.read_run(remaining)
             if len(samples):
                 items += [*self._bursts.end(), samples]
                 self._wake_ns = int(samples.last_byte_ns[-1]) + self._timeout_ns
-            begin, rest = split(rest, slowly)
+            begin, remaining = split(remaining, slowly)
             slowly *= 2
             for data, at_ns in begin:
                 step = self.received(data, at_ns)

@@ -103,18 +103,18 @@ def held(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
     """Hold each gauge's number to the shape of those before it; return the readings, and the other faults."""
-    found, told = list[Reading](), list[Fault]()
+    checked, faults = list[Reading](), list[Fault]()
     for reading, shape in zip(readings, shapes, strict=True):
         if not isinstance(reading, Written):
-            found.append(reading)
+            checked.append(reading)
             continue
         good, doubt = shape.check(reading)
         if good:
-            found.append(reading.value_mm)
-            told += [Fault(doubt.kind, message.last_byte_ns, doubt.detail, doubt.count)] if doubt else []
+            checked.append(reading.value_mm)
+            faults += [Fault(doubt.kind, message.last_byte_ns, doubt.detail, doubt.count)] if doubt else []
         elif doubt:
-            found.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # its message was whole
-    return found, tuple(told)
+            checked.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # its message was whole
+    return checked, tuple(faults)
 
 
 class TextDialect(Generic[ProbeT]):
@@ -148,10 +148,10 @@ class TextDialect(Generic[ProbeT]):
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         read = [self._read(message.data, gauge) for gauge in self._gauges]
-        readings, told = held(read, self.shapes, message)
+        readings, doubts = held(read, self.shapes, message)
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
-            return Reply((*items, *told))
+            return Reply((*items, *doubts))
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
         return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
 

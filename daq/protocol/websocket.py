@@ -67,7 +67,8 @@ class _WebSocket:
         match event:
             case Request() | AcceptConnection():
                 accepted = self._socket.send(AcceptConnection()) if isinstance(event, Request) else b""
-                step = self._begin(now_ns)
+                self._open = True
+                step = self._carry(self._carried.connected(now_ns))
                 return replace(step, send=accepted + step.send)
             case RejectConnection(status_code=status):
                 return self._finish(
@@ -81,10 +82,6 @@ class _WebSocket:
                 why = f"{int(code)} {reason or 'without a reason'}"
                 return self._finish(FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket is closed: {why}")
         return Step()
-
-    def _begin(self, now_ns: int) -> Step:
-        self._open = True
-        return self._carry(self._carried.connected(now_ns))
 
     def _read(self, data: bytes | bytearray, finished: bool, now_ns: int) -> Step:
         self._message += data
@@ -129,8 +126,8 @@ class WebSocketHost(_WebSocket):
         if self._open or step.hang_up:
             return super()._waiting(step, now_ns)
         if now_ns >= self._wake_ns:
-            what = f"no WebSocket within {self._timeout_s:g} s; check that a WebSocket server has this port"
-            return self._finish(FaultKind.SILENT, now_ns, what)
+            detail = f"no WebSocket within {self._timeout_s:g} s; check that a WebSocket server has this port"
+            return self._finish(FaultKind.SILENT, now_ns, detail)
         return replace(step, wake_ns=self._wake_ns)
 
 

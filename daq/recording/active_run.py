@@ -87,15 +87,15 @@ class Gap:
         What that run was to count as dropped, from the run before it, was lost with it if its disk failed too soon.
         Where its manifest cannot be read, all that were taken count.
         """
-        held: Counter[str] = Counter()
+        stored: Counter[str] = Counter()
         with suppress(FileError):
             manifest = load_manifest(self.previous)
             for chunk in manifest.chunks:
-                held[chunk.stream] += chunk.rows
+                stored[chunk.stream] += chunk.rows
             for name, counter in manifest.counters.items():
-                held[name] += counter.get(FaultKind.DROPPED, 0)
+                stored[name] += counter.get(FaultKind.DROPPED, 0)
         after, now_ns = f"samples not recorded after {self.previous.name}: {self.why}", clock.now_ns()
-        lost = +self.missed + (self.taken - held)
+        lost = +self.missed + (self.taken - stored)
         return {name: Fault(FaultKind.DROPPED, now_ns, f"{count} {after}", count) for name, count in lost.items()}
 
 
@@ -137,12 +137,12 @@ class ActiveRun:
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
         """Write what was kept, and what is in no run since the one before. Returns the faults that were found here."""
         self.writer = writer
-        found = {name: self.put(name, items) for name, items in self._kept.items()}
+        faults = {name: self.put(name, items) for name, items in self._kept.items()}
         self._kept.clear()
         self.put_host(self._host_faults)
         for name, fault in dropped.items():
-            found[name] += [fault, *self.put(name, [fault])]
-        return found
+            faults[name] += [fault, *self.put(name, [fault])]
+        return faults
 
     @property
     def kept(self) -> Counter[str]:

@@ -20,10 +20,10 @@ from daq.recording.active_run import EndedRun
 from daq.recording.label import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
-from daq.recording.trigger import Command, StartRun, StopRun, Trigger
+from daq.recording.trigger import Command, StartRun, Trigger
 from daq.store.records import Ending
 from rigs.errors import RigError
-from rigs.schema.recording_rules import Automatic, Rule
+from rigs.schema.recording_rules import Automatic
 
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"
@@ -58,8 +58,19 @@ class Arbiter:
         """Feed the trigger with what came, and execute its commands; the recorder calls this after each round."""
         if not self._rules:
             return
-        self._collect_starts()
-        self._forget_if_ended()
+        while self._starting and self._starting[0][2].done():
+            title, name, begun = self._starting.popleft()
+            error = begun.exception()
+            if error is None:
+                self._started, self._why_not = self._started + 1, ""
+                continue
+            if name == self._own_run:
+                self._own_run = None
+                self._trigger.reset()
+            self._refuse(title, str(error))
+        if self._own_run is not None and not self._is_recorded():
+            self._own_run = None
+            self._trigger.reset()
         while self._samples:
             self._execute(self._trigger.feed(self._samples.popleft()))
         self._execute(self._trigger.tick(clock.now_ns()))
@@ -90,11 +101,21 @@ class Arbiter:
             if isinstance(command, StartRun):
                 self._start_run(command)
             elif self._own_run is not None:
-                self._stop_run(command)
+                seconds = (command.at_ns - self._started_ns) / 1e9
+                if seconds < _SHORT_S:
+                    self._end_run("interrupted", f"{command.why}; only {seconds:.2f} s long")
+                else:
+                    self._end_run("complete" if command.in_order else "interrupted", command.why)
 
     def _start_run(self, start: StartRun) -> None:
         rule, current = start.rule, self._recorder.recording
-        label = Label(name=_name(rule), test=rule.test, direction=rule.direction, operator=OPERATOR)
+        now = clock.wall_time()
+        label = Label(
+            name=f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}",
+            test=rule.test,
+            direction=rule.direction,
+            operator=OPERATOR,
+        )
         try:
             begun = self._recorder.start_run(Recording(label, "robot", start.at_ns - _BEFORE_NS))
         except RigError as error:
@@ -104,30 +125,10 @@ class Arbiter:
         self._starting.append((rule.title, label.name, begun))
         self._own_run, self._started_ns = label.name, start.at_ns
 
-    def _collect_starts(self) -> None:
-        """Take note of the starts that the disk has confirmed or refused."""
-        while self._starting and self._starting[0][2].done():
-            title, name, begun = self._starting.popleft()
-            error = begun.exception()
-            if error is None:
-                self._started, self._why_not = self._started + 1, ""
-                continue
-            if name == self._own_run:
-                self._own_run = None
-                self._trigger.reset()
-            self._refuse(title, str(error))
-
     def _refuse(self, title: str, why: str) -> None:
         self._refused += 1
         self._why_not = f"{title} at {clock.wall_time().astimezone():%H:%M:%S}: {why}"
         log.warning("no automatic recording of %s: %s", title, why)
-
-    def _stop_run(self, stop: StopRun) -> None:
-        seconds = (stop.at_ns - self._started_ns) / 1e9
-        if seconds < _SHORT_S:
-            self._end_run("interrupted", f"{stop.why}; only {seconds:.2f} s long")
-        else:
-            self._end_run("complete" if stop.in_order else "interrupted", stop.why)
 
     def _end_run(self, ending: Ending, why: str) -> None:
         self._own_run = None
@@ -136,19 +137,7 @@ class Arbiter:
         except RigError as error:
             log.error("%s", error)
 
-    def _forget_if_ended(self) -> None:
-        """Let the next event start a recording if the robot's recording is over; a person may have ended it."""
-        if self._own_run is not None and not self._is_recorded():
-            self._own_run = None
-            self._trigger.reset()
-
     def _is_recorded(self) -> bool:
         """Return whether the robot's recording goes on, also while its run begins or it waits for the disk."""
         current = self._recorder.recording
         return current is not None and current.label.name == self._own_run
-
-
-def _name(rule: Rule) -> str:
-    """Return a name that is unique and sorts by time: `20261120T101500.250Z-yaw-cw`."""
-    now = clock.wall_time()
-    return f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}"

@@ -194,9 +194,16 @@ def step(state: State, event: Event) -> Outcome:
         case Start(recording), _:
             return _start(state, recording)
         case Stop(), _:
-            return _stop(state, event)
+            mine = state.recording is not None and (event.by == "person" or state.recording.by == "robot")
+            if not mine:
+                return state, (Reject("idle"),)
+            ended, actions = _ended(state, event.ending, event.why)
+            return ended, (*actions, Reject("idle")) if isinstance(state.phase, Waiting) else actions
         case ((Created(run) | Refused(run, _)), _) if run != state.run:
-            return _left(state, run, isinstance(event, Created))
+            created = isinstance(event, Created)
+            closes = tuple(close for close in state.leaving if close.run == run)
+            remaining = tuple(close for close in state.leaving if close.run != run)
+            return replace(state, leaving=remaining), closes if created else ()
         case Tick(now_s), Waiting(recording, pause_s, due_s, None) if now_s >= due_s:
             return _create(state, recording, pause_s)
     phase, actions = _moved(state.phase, event)
@@ -245,14 +252,6 @@ def _create(state: State, recording: Recording, pause_s: float = 0.0) -> Outcome
     return begun, (Create(state.next, recording, resumes=pause_s > 0),)
 
 
-def _stop(state: State, stop: Stop) -> Outcome:
-    mine = state.recording is not None and (stop.by == "person" or state.recording.by == "robot")
-    if not mine:
-        return state, (Reject("idle"),)
-    ended, actions = _ended(state, stop.ending, stop.why)
-    return ended, (*actions, Reject("idle")) if isinstance(state.phase, Waiting) else actions
-
-
 def _ended(state: State, ending: Ending, why: str) -> Outcome:
     """End the present recording, if any; a run that the disk has not made yet ends as soon as it has."""
     idle = replace(state, phase=IDLE)
@@ -265,10 +264,3 @@ def _ended(state: State, ending: Ending, why: str) -> Outcome:
             return idle, (GiveUp(),)
         case Idle():
             return idle, ()
-
-
-def _left(state: State, run: int, created: bool) -> Outcome:
-    """A run that was stopped before the disk made it is made now, or refused."""
-    closes = tuple(close for close in state.leaving if close.run == run)
-    rest = tuple(close for close in state.leaving if close.run != run)
-    return replace(state, leaving=rest), closes if created else ()

@@ -17,7 +17,7 @@ from typing import Literal
 
 from daq import clock
 from daq.acquisition.stream_buffer import PretriggerBuffer, StreamBuffer, faults_of
-from daq.protocol.conversation import Fault, Item
+from daq.protocol.conversation import Item
 from daq.recording import machine
 from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
 from daq.recording.io_worker import IoWorker
@@ -104,7 +104,9 @@ class Recorder(clock.Thread):
         Raises CellError if it cannot begin now, or if a gauge is silent.
         """
         with self._lock:
-            self._check(machine.Start(recording))
+            for action in machine.step(self._state, machine.Start(recording))[1]:
+                if isinstance(action, Reject):
+                    raise rejection(action, self._state, self.last_end)
             require_readings(self._buffers, recording.label.test)
             self._drain_buffers(sync=False)
             self._apply(machine.Start(recording))
@@ -140,11 +142,11 @@ class Recorder(clock.Thread):
         finally:
             self._io.shut_down()
 
-    def note_end(self, run: str, said: str) -> None:
+    def note_end(self, run: str, reason: str) -> None:
         """Add to how the last recording ended what somebody has found in its run, so that status says it."""
         with self._lock:
             if run == str(self._last_path):
-                self.last_end += f"; cannot be analysed: {said}"
+                self.last_end += f"; cannot be analysed: {reason}"
 
     @property
     def recording(self) -> Recording | None:
@@ -154,7 +156,7 @@ class Recorder(clock.Thread):
     def state(self) -> dict[str, object]:
         """Return what is being recorded and since when, or how the last recording ended."""
         run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
-        closing = any(other is not run and not other.ended.done() for other in list(self._runs.values()))
+        closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
         return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
 
     @property
@@ -162,19 +164,20 @@ class Recorder(clock.Thread):
         """The run that takes what comes."""
         return self._runs.get(self._state.run or 0)
 
-    def _check(self, event: machine.Event) -> None:
-        """Raise CellError for an event that the machine rejects."""
-        for action in machine.step(self._state, event)[1]:
-            if isinstance(action, Reject):
-                raise rejection(action, self._state, self.last_end)
-
     def _apply(self, event: machine.Event) -> None:
         """Go to the state that an event leads to, and do what is to be done. Raises CellError if it is rejected."""
         self._state, actions = machine.step(self._state, event)
         for action in actions:
             match action:
                 case Create(number, recording, resumes):
-                    self._request_run(number, recording, resumes=resumes)
+                    columns = {name: buffer.columns for name, buffer in self._buffers.items()}
+                    kept, since_ns = {}, None if resumes else recording.since_ns
+                    if since_ns is not None:
+                        kept = {name: self._pretrigger.since(name, since_ns) for name in self._buffers}
+                    run = self._runs[number] = ActiveRun(recording.label, columns, kept, since_ns or clock.now_ns())
+                    if resumes:
+                        run.gap, self._gap = self._gap, None
+                    self._io.submit_create(partial(self._create_run, number, run))
                 case Close(number, ending, why):
                     self.last_end = f"{ending}: {why}"
                     self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
@@ -185,16 +188,6 @@ class Recorder(clock.Thread):
                     self._gap = None
                 case Reject():
                     raise rejection(action, self._state, self.last_end)
-
-    def _request_run(self, number: int, recording: Recording, *, resumes: bool) -> None:
-        columns = {name: buffer.columns for name, buffer in self._buffers.items()}
-        kept, since_ns = {}, None if resumes else recording.since_ns
-        if since_ns is not None:
-            kept = {name: self._pretrigger.since(name, since_ns) for name in self._buffers}
-        run = self._runs[number] = ActiveRun(recording.label, columns, kept, since_ns or clock.now_ns())
-        if resumes:
-            run.gap, self._gap = self._gap, None
-        self._io.submit_create(partial(self._create_run, number, run))
 
     def _create_run(self, number: int, run: ActiveRun) -> None:
         """Create the run and begin to use it; called in a thread of the disk's."""
@@ -207,20 +200,17 @@ class Recorder(clock.Thread):
             return
         with self._lock:
             try:
-                self._created(number, run, writer, dropped)
+                label = run.label
+                after = f", after {run.gap.previous.name}" if run.gap else ""
+                kind = f"{label.test} {label.direction}" if label.direction else label.test
+                log.info("recording %s (%s) to %s%s", label.name, kind, writer.path, after)
+                for name, faults in run.begin(writer, dropped).items():
+                    self.losses.report(name, faults)
+                self._apply(machine.Created(number))  # first, so that `state` sees no moment with neither
+                run.begun.set_result(writer.path)
             except Exception as error:
                 self._refused(number, run, error)
                 raise
-
-    def _created(self, number: int, run: ActiveRun, writer: RunWriter, dropped: Mapping[str, Fault]) -> None:
-        label = run.label
-        after = f", after {run.gap.previous.name}" if run.gap else ""
-        what = f"{label.test} {label.direction}" if label.direction else label.test
-        log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        for name, faults in run.begin(writer, dropped).items():
-            self.losses.report(name, faults)
-        self._apply(machine.Created(number))  # first, so that `state` sees no moment with neither
-        run.begun.set_result(writer.path)
 
     def _refused(self, number: int, run: ActiveRun, error: Exception) -> None:
         run.refuse(error)
@@ -260,14 +250,14 @@ class Recorder(clock.Thread):
         """Count what comes from now on as missed, and later what was taken and is not stored."""
         if run.writer is not None:
             self._gap = Gap(run.writer.path, run.writer.device, why, run.taken)
-            told = "%s: run ended, %s; another run follows when the disk allows it"
-            log.error(told, run.writer.path, self.last_end)
+            message = "%s: run ended, %s; another run follows when the disk allows it"
+            log.error(message, run.writer.path, self.last_end)
 
     def _give_up(self, gap: Gap | None) -> None:
         if gap:
-            told = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
-            log.warning("%s: %s", gap.previous, told)
-            self.last_end += f"; {told}"
+            message = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
+            log.warning("%s: %s", gap.previous, message)
+            self.last_end += f"; {message}"
             self.losses.add(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
 
     def _settle(self, run: ActiveRun) -> None:

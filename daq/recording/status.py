@@ -51,7 +51,7 @@ def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
     if rejected.why == "running" and state.recording:
         return CellError(f"recording {state.recording.label.name}", "already running", "stop it: rig record stop")
     if rejected.why == "making":
-        what = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
-        return CellError("disk", what, "try again in some seconds; if it stays so, run rig doctor")
+        problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
+        return CellError("disk", problem, "try again in some seconds; if it stays so, run rig doctor")
     why = f" (the last one: {last_end})" if last_end else ""
     return CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")

@@ -78,7 +78,18 @@ class Trigger:
         changed_ns = self._signal.feed(sample.values[AXES], at_ns) if len(sample.values) > AXES else None
         started = self._started(joints, at_ns, changed_ns)
         if started is None:
-            return self._ended(at_ns, changed_ns)
+            rule = self._running
+            if rule is None:
+                return []
+            if changed_ns is not None and self._over_ns is None:  # to another value, or it would have started a run
+                self._over_ns = changed_ns
+            if self._over_ns is None:
+                return []
+            if at_ns - max(self._over_ns, self._standstill.since_ns) >= rule.still_s * _S:
+                return self._stop(StopRun(at_ns, "the robot stands still"))
+            if rule.when.signal is not None and at_ns - self._over_ns >= _TAIL_NS:
+                return self._stop(StopRun(at_ns, f"its signal was over for {_TAIL_NS // _S} s"))
+            return []
         commands: list[Command] = [StopRun(started.at_ns, "the next began")] if self._running else []
         self._running = started.rule
         self._over_ns = at_ns if started.rule.when.signal is None else None
@@ -96,28 +107,14 @@ class Trigger:
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
-        left = [
+        departures = [
             (rule, departure.feed(joints, self._standstill.since_ns, at_ns)) for rule, departure in self._departures
         ]
         if changed_ns is not None:
             for rule in self._rules:
                 if rule.when.signal == self._signal.value:
                     return StartRun(rule, changed_ns)
-        return next((StartRun(rule, left_ns) for rule, left_ns in left if left_ns is not None), None)
-
-    def _ended(self, at_ns: int, changed_ns: int | None) -> list[Command]:
-        rule = self._running
-        if rule is None:
-            return []
-        if changed_ns is not None and self._over_ns is None:  # to another value, or it would have started a run
-            self._over_ns = changed_ns
-        if self._over_ns is None:
-            return []
-        if at_ns - max(self._over_ns, self._standstill.since_ns) >= rule.still_s * _S:
-            return self._stop(StopRun(at_ns, "the robot stands still"))
-        if rule.when.signal is not None and at_ns - self._over_ns >= _TAIL_NS:
-            return self._stop(StopRun(at_ns, f"its signal was over for {_TAIL_NS // _S} s"))
-        return []
+        return next((StartRun(rule, left_ns) for rule, left_ns in departures if left_ns is not None), None)
 
     def _stop(self, stop: StopRun) -> list[Command]:
         self._running = None
@@ -179,5 +176,5 @@ class _Departure:
         return left_ns if arrives else None
 
 
-def _apart(one: Sequence[float], other: Sequence[float]) -> float:
-    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
+    return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

@@ -35,8 +35,8 @@ class RateLimitedLog:
         if now - warned_at < _INTERVAL_S:
             self._last[name, kind] = (warned_at, suppressed + count)
             return
-        more = f" ({suppressed} more since the last such line)" if suppressed else ""
-        log.warning("%s: %s: %s%s", name, kind, detail, more)
+        repeated = f" ({suppressed} more since the last such line)" if suppressed else ""
+        log.warning("%s: %s: %s%s", name, kind, detail, repeated)
         self._last[name, kind] = (now, 0)
 
     def warn_faults(self, name: str, faults: Sequence[Fault]) -> None:
@@ -44,10 +44,10 @@ class RateLimitedLog:
         for fault in faults:
             self.warn(name, fault.kind, fault.detail, fault.count)
 
-    def warn_slow(self, what: str, seconds: float) -> None:
+    def warn_slow(self, action: str, seconds: float) -> None:
         """Log what the disk has been slow with, if it was."""
         if seconds > _SLOW_S:
-            self.warn("disk", f"slow {what}", f"has taken {seconds:.1f} s; readers do not wait for it")
+            self.warn("disk", f"slow {action}", f"has taken {seconds:.1f} s; readers do not wait for it")
 
 
 class Losses:
@@ -61,8 +61,8 @@ class Losses:
         """Report and count samples that no run holds or counts."""
         self.counts += samples
         for name, count in (+samples).items():
-            what = f"{count} samples are in no run: {why}"
-            self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), what, count)])
+            detail = f"{count} samples are in no run: {why}"
+            self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), detail, count)])
 
     def report(self, name: str, faults: Sequence[Fault]) -> None:
         """Log and count faults of a stream that were found here and are in the run already."""

@@ -39,23 +39,23 @@ def main(arguments: Sequence[str]) -> int:
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
     """Return the lines that allow what a rig needs. resolve: a name's addresses; resolv_conf: that file's text."""
     lines = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
-    return "\n".join([*lines, *(f"IPAddressAllow={one}" for one in _needed(rig, resolve, resolv_conf))]) + "\n"
+    return "\n".join([*lines, *(f"IPAddressAllow={address}" for address in _needed(rig, resolve, resolv_conf))]) + "\n"
 
 
 def resolved(name: str) -> Sequence[str]:
     """Return the addresses of a host. Raises CellError where it has none."""
     try:
-        found = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
-        what = f"has no address here: {getattr(error, 'strerror', None) or error}"
-        raise CellError(name, what, "write its address into the rig file") from None
-    return [str(address[4][0]) for address in found]
+        problem = f"has no address here: {getattr(error, 'strerror', None) or error}"
+        raise CellError(name, problem, "write its address into the rig file") from None
+    return [str(address[4][0]) for address in addresses]
 
 
 def _needed(rig: Rig, resolve: Resolve, resolv_conf: str) -> list[str]:
     listens = rig.feedback.listens
-    found = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
-    hosts = [address[0] for port in found if (address := tcp_address(port) or udp_address(port))]
+    ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
+    hosts = [address[0] for port in ports if (address := tcp_address(port) or udp_address(port))]
     needed = list(_PRIVATE) if listens else []
     for host in hosts:
         if _is_address(host):

@@ -53,8 +53,8 @@ class Client:
                 self._sock.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
             line = self._line(until_s)
         except TimeoutError:
-            what = f"rigd has not answered for {ANSWERS_S:.0f} s"
-            raise CellError(str(self._path), what, "its disk may be slow: see rig status, and its log") from None
+            problem = f"rigd has not answered for {ANSWERS_S:.0f} s"
+            raise CellError(str(self._path), problem, "its disk may be slow: see rig status, and its log") from None
         except OSError:
             line = b""
         if not line:
@@ -62,8 +62,8 @@ class Client:
         try:
             answer = read_answer(command, line)
         except ValueError as error:
-            what = f"what answers here does not answer as rigd does: {error}"
-            raise CellError(str(self._path), what, "start the rigd of this version again: rigd RIG") from None
+            problem = f"what answers here does not answer as rigd does: {error}"
+            raise CellError(str(self._path), problem, "start the rigd of this version again: rigd RIG") from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"])
             refusal.exit_code = answer["exit_code"]
@@ -74,8 +74,8 @@ class Client:
         """Return the next line without its end, an empty one if the daemon has gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
-                what = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
-                raise CellError(str(self._path), what, _RESTART)
+                problem = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
+                raise CellError(str(self._path), problem, _RESTART)
             self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)
             if not received:
@@ -101,13 +101,13 @@ def _connect(path: Path) -> socket.socket:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
         sock.connect(str(path))
         if (user := peer_user(sock)) not in owners:
-            what = f"a program of another user (number {user}) answers here"
-            raise CellError(str(path), what, "stop it, then start rigd again: rigd RIG")
+            problem = f"a program of another user (number {user}) answers here"
+            raise CellError(str(path), problem, "stop it, then start rigd again: rigd RIG")
     except BaseException as error:
         sock.close()
         if isinstance(error, BlockingIOError):
-            what = "rigd does not answer: other clients are waiting already"
-            raise CellError(str(path), what, _RESTART) from None
+            problem = "rigd does not answer: other clients are waiting already"
+            raise CellError(str(path), problem, _RESTART) from None
         if isinstance(error, PermissionError):
             raise _forbidden(path) from None
         if isinstance(error, OSError):
@@ -125,13 +125,13 @@ def find_socket(rig: str | None = None) -> Path:
 
     A daemon that was killed leaves its socket behind, where nothing answers any more.
     """
-    found = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    served = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
+    if len(served) == 1:
+        return served[0]
+    if not served:
         whom = f" for {rig}" if rig else ""
         raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start it: rigd RIG")
-    names = ", ".join(path.stem for path in found)
+    names = ", ".join(path.stem for path in served)
     raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")
 
 

@@ -128,8 +128,8 @@ class ControlServer:
                 pause_s = _BACK_OFF_S[0]
                 self._closing.wait(_ACCEPT_S)
 
-    def _warn(self, what: str) -> None:
-        self._warnings.warn("control socket", "limit", what)
+    def _warn(self, problem: str) -> None:
+        self._warnings.warn("control socket", "limit", problem)
 
     def _admit(self, new: _Connection) -> None:
         """Serve a connection, in the place of another where there are too many; refuse it where all are busy."""
@@ -235,8 +235,8 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
             return unread, b""
         until_s = until_s or clock.now_s() + _LINE_S
         unread += received
-    line, _, rest = unread.partition(b"\n")
-    return line + b"\n", rest
+    line, _, following = unread.partition(b"\n")
+    return line + b"\n", following
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
@@ -262,12 +262,12 @@ def _encoded(answer: dict[str, Any]) -> bytes:
 
 
 def _request(line: bytes) -> dict[str, Any]:
-    request, what = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
+    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:
-            request, what = json.loads(line), "a request is a JSON object"
+            request, problem = json.loads(line), "a request is a JSON object"
         except (ValueError, RecursionError):
-            what = "not JSON"
+            problem = "not JSON"
     if isinstance(request, dict):
         return request
-    raise CellError("control socket", what, 'send {"command": "status"}')
+    raise CellError("control socket", problem, 'send {"command": "status"}')

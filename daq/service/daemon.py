@@ -160,8 +160,8 @@ class Daemon:
                 self._recorder.note_end(_text_in(request, "run"), _text_in(request, "said"))
                 return {}
             case other:
-                known = "known: status, samples, metrics, record_start, record_stop, judged"
-                raise CellError("rigd", f"unknown command {_short(other)}", known)
+                commands = "known: status, samples, metrics, record_start, record_stop, judged"
+                raise CellError("rigd", f"unknown command {_short(other)}", commands)
 
     def _open_links(self) -> dict[str, Link]:
         links: dict[str, Link] = {}
@@ -191,7 +191,7 @@ class Daemon:
             view_zero_mm=label.view_zero_mm,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,
-            beside=self._rig.beside,
+            companions=self._rig.beside,
         )
 
     def _status(self) -> dict[str, Any]:
@@ -214,14 +214,10 @@ class Daemon:
 
     def _after_round(self) -> None:
         self._arbiter.after_round()
-        self._mark_replay()
-        self._feed_watchdog()
-
-    def _mark_replay(self) -> None:
-        """Pass on what a replay could not keep in step, as faults of its streams in the run that is being recorded."""
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
+        self._feed_watchdog()
 
     def _feed_watchdog(self) -> None:
         """Feed the watchdog after each round of the recorder, but only while every reader runs as well."""
@@ -262,9 +258,9 @@ def _disk(runs: Path) -> dict[str, int] | None:
     return {"free_bytes": usage.free, "size_bytes": usage.total}
 
 
-def _short(given: object) -> str:
+def _short(value: object) -> str:
     """Return what a client sent, shortened to fit into a line."""
-    text = repr(given)
+    text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
@@ -284,8 +280,8 @@ def _label(request: dict[str, Any]) -> Label:
         key = str(detail["loc"][0]) if detail["loc"] else "a key"
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         pattern = detail["type"] == "string_pattern_mismatch"
-        what = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
-        raise UseError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
+        problem = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
+        raise UseError("recording", problem, NAME_RULE if pattern else "see rig record start --help") from None
     if label.test in CIRCLES and label.direction is None:
         raise UseError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
     if label.test not in CIRCLES and label.direction is not None:

@@ -35,8 +35,8 @@ class InstanceLock:
             _hold_private(path.parent)
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
-            what = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
-            raise CellError(str(path), what, "give another --socket") from None
+            problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
+            raise CellError(str(path), problem, "give another --socket") from None
         lock = cls(fd)
         try:
             lock._hold(rig, path)
@@ -49,15 +49,15 @@ class InstanceLock:
         self._fd = fd
 
     def _hold(self, rig: str, path: Path) -> None:
-        found = os.fstat(self._fd)
-        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or found.st_size > _LONGEST_ID:
+        status = os.fstat(self._fd)
+        if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
             raise CellError(str(path), "exists already and is not the lock of a rigd", "give another --socket")
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
-            what = f"another rigd (process {holder}) serves this rig"
-            raise CellError(rig, what, "stop that one, or talk to it with rig status") from None
+            problem = f"another rigd (process {holder}) serves this rig"
+            raise CellError(rig, problem, "stop that one, or talk to it with rig status") from None
         with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
@@ -148,9 +148,9 @@ def _is_of_this_user(address: str) -> bool:
 
 def _hold_private(directory: Path) -> None:
     """Raise CellError if another user may put files into a directory."""
-    found = directory.stat()
-    if found.st_uid not in (os.geteuid(), 0):
+    status = directory.stat()
+    if status.st_uid not in (os.geteuid(), 0):
         raise CellError(str(directory), "belongs to another user", "set XDG_RUNTIME_DIR, or give another --socket")
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        what = "can be written by other users, who could put a file in the place of rigd's"
-        raise CellError(str(directory), what, "give --socket in a directory of your own, or chmod go-w it")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        problem = "can be written by other users, who could put a file in the place of rigd's"
+        raise CellError(str(directory), problem, "give --socket in a directory of your own, or chmod go-w it")

@@ -86,23 +86,23 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
         raise CellError(unit, "there is no journal here", "a rigd started by hand logs to its own terminal")
     command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
     command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
-    found = False
+    has_entries = False
     with subprocess.Popen(  # noqa: S603 - a list, no shell
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
     ) as journal:
         try:
             for line in journal.stdout or ():
-                found = True
+                has_entries = True
                 yield entry(json.loads(line))
             complaint = journal.communicate()[1].strip()
         finally:
             journal.terminate()
     if complaint and _NO_UNIT not in complaint:
         raise CellError("journal", complaint.splitlines()[0], "see man journalctl")
-    if not found:
-        what = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"
+    if not has_entries:
+        problem = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"
         raise CellError(
-            unit, what, "start it: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
+            unit, problem, "start it: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
         )
 
 

@@ -46,8 +46,8 @@ class Maintenance(clock.Thread):
                     raise CellError(str(self._metrics), "exists already and is not a metrics file of rigd", remedy)
                 write_atomically(self._metrics, self._text())
             except OSError as error:
-                what = f"cannot be written: {error.strerror or error}"
-                raise CellError(str(self._metrics), what, "give another --metrics") from None
+                problem = f"cannot be written: {error.strerror or error}"
+                raise CellError(str(self._metrics), problem, "give another --metrics") from None
         super().start()
 
     def stop(self) -> None:
@@ -118,20 +118,26 @@ class RunRetention:
     def apply(self) -> None:
         """Apply the retention once to all runs of this rig."""
         try:
-            found = self._found()
+            runs = self._found()
         except (OSError, FileError) as error:
             log.warning("retention: %s", error)
             return
         clear(self._runs)
-        decision = decide(found, self._limits, clock.wall_ns() / 1e9)
+        decision = decide(runs, self._limits, clock.wall_ns() / 1e9)
         while decision.delete:
             gone = {run.path for run in decision.delete if self._delete(run)}
             stuck = {run.path for run in decision.delete} - gone
             # One that cannot be deleted makes way for the next oldest.
-            found = [replace(run, marks=None) if run.path in stuck else run for run in found if run.path not in gone]
-            decision = decide(found, self._limits, clock.wall_ns() / 1e9)
-        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(found), sum(run.size for run in found)
-        self._warn_over_limit()
+            runs = [replace(run, marks=None) if run.path in stuck else run for run in runs if run.path not in gone]
+            decision = decide(runs, self._limits, clock.wall_ns() / 1e9)
+        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(runs), sum(run.size for run in runs)
+        if not self.over_bytes or clock.now_s() - self._warned_at < _WARN_AGAIN_S:
+            return
+        self._warned_at = clock.now_s()
+        excess_gb, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
+        log.warning(
+            "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", excess_gb, self._runs, remedy
+        )
 
     def state(self) -> dict[str, int]:
         """Return number and bytes of runs, the same of those deleted since the start, and the bytes over the limit."""
@@ -144,12 +150,12 @@ class RunRetention:
         }
 
     def _found(self) -> list[RunInfo]:
-        found = []
+        runs = []
         for run in survey(self._runs) if self._runs.exists() else ():
             clock.sleep(_PAUSE_S)
             if run.manifest is None or run.manifest.rig_name == self._rig_name:
-                found.append(run)
-        return found
+                runs.append(run)
+        return runs
 
     def _delete(self, run: RunInfo) -> bool:
         try:
@@ -164,13 +170,3 @@ class RunRetention:
         copy = run.marks.exports[-1].file if run.marks else "?"
         log.info("retention: deleted %s, %.0f days old, %.1f MB, exported to %s", run.path, days, run.size / 1e6, copy)
         return True
-
-    def _warn_over_limit(self) -> None:
-        """Warn, once an hour, that runs which may not be deleted exceed the limit."""
-        if not self.over_bytes or clock.now_s() - self._warned_at < _WARN_AGAIN_S:
-            return
-        self._warned_at = clock.now_s()
-        more, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
-        log.warning(
-            "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy
-        )

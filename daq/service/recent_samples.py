@@ -15,7 +15,6 @@ from pydantic import Field, ValidationError
 
 from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
-from daq.protocol.conversation import Sample
 from rigs.errors import CellError
 from rigs.schema.part import Part
 
@@ -40,8 +39,8 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
-        what = f"a samples request is not valid: {error.errors(include_url=False)[0]['msg']}"
-        raise CellError("control socket", what, 'send {"command": "samples", "after": {"g1": 0}}') from None
+        problem = f"a samples request is not valid: {error.errors(include_url=False)[0]['msg']}"
+        raise CellError("control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}') from None
     streams = {name: _stream(buffer, asked.after.get(name, 0)) for name, buffer in buffers.items()}
     text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
     return {"now_ns": clock.now_ns(), "streams": streams, "rig_lines": text.splitlines()}
@@ -52,8 +51,14 @@ def _stream(buffer: StreamBuffer, after: int) -> dict[str, Any]:
     newest, samples = buffer.recent(after)
     step = max(1, math.ceil(len(samples) / MOST))
     thinned = samples[::-1][::step][::-1]  # the newest is always among them
-    return {"newest": newest, "columns": list(buffer.columns), "rows": [_row(sample) for sample in thinned]}
-
-
-def _row(sample: Sample) -> list[float | None]:
-    return [sample.first_byte_ns, *(round(value, _DIGITS) if math.isfinite(value) else None for value in sample.values)]
+    return {
+        "newest": newest,
+        "columns": list(buffer.columns),
+        "rows": [
+            [
+                sample.first_byte_ns,
+                *(round(value, _DIGITS) if math.isfinite(value) else None for value in sample.values),
+            ]
+            for sample in thinned
+        ],
+    }

@@ -38,9 +38,9 @@ def main() -> None:
     try:
         sys.exit(app(standalone_mode=False))
     except TyperException as error:
-        told = wrong_use(error, "rigd")
-        if told is not None:
-            typer.echo(f"error: {told}", err=True)
+        refusal = wrong_use(error, "rigd")
+        if refusal is not None:
+            typer.echo(f"error: {refusal}", err=True)
         sys.exit(UseError.exit_code)
     finally:
         ignore_interrupts()
@@ -81,8 +81,8 @@ def rigd(
         rig, text = load(rig_file)
         file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        own = None if is_shipped(file) else file  # a shipped one is everybody's
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics(), own)
+        locked_file = None if is_shipped(file) else file  # a shipped one is everybody's
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics(), locked_file)
         daemon.start()
     except RigError as error:
         for line in error.lines():

@@ -29,10 +29,10 @@ _REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
 
 def socket_directory() -> Path:
     """Return the directory for sockets of this user's daemons: systemd's runtime directory, else the user's own."""
-    if given := os.environ.get("RUNTIME_DIRECTORY"):
-        return Path(given.split(":")[0])
-    if given := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(given) / "rigd"
+    if directory := os.environ.get("RUNTIME_DIRECTORY"):
+        return Path(directory.split(":")[0])
+    if directory := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(directory) / "rigd"
     return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
@@ -44,21 +44,21 @@ def hold_trusted(path: Path) -> frozenset[int]:
     owners = {0, os.geteuid()}
     open_to_all = False  # whether the directory above lets other users put entries into it
     for place in (*reversed(path.absolute().parents), path.absolute()):
-        found = place.lstat()
-        if found.st_uid not in owners and open_to_all:
-            raise CellError(str(path), f"{place} belongs to another user (number {found.st_uid})", _REMEDY)
-        owners.add(found.st_uid)
-        if stat.S_ISLNK(found.st_mode):
+        status = place.lstat()
+        if status.st_uid not in owners and open_to_all:
+            raise CellError(str(path), f"{place} belongs to another user (number {status.st_uid})", _REMEDY)
+        owners.add(status.st_uid)
+        if stat.S_ISLNK(status.st_mode):
             return hold_trusted(place.resolve() / path.absolute().relative_to(place))
         if place == path.absolute():
             break
-        writable = bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
-        open_to_all = writable and bool(found.st_mode & stat.S_ISVTX)
+        writable = bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+        open_to_all = writable and bool(status.st_mode & stat.S_ISVTX)
         if writable and not open_to_all:
             raise CellError(str(path), f"{place} can be written by other users", f"chmod go-w {place}")
-    if not stat.S_ISSOCK(found.st_mode):
+    if not stat.S_ISSOCK(status.st_mode):
         raise CellError(str(path), "is not a socket", _REMEDY)
-    if found.st_mode & stat.S_IWOTH:
+    if status.st_mode & stat.S_IWOTH:
         raise CellError(str(path), "lets every user of this computer control rigd", f"chmod o-rwx {path}")
     return frozenset(owners)
 
@@ -77,11 +77,11 @@ def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/t
         packed = socket.inet_aton(client[0].removeprefix("::ffff:"))
     except OSError:
         return None
-    wanted = f"{int.from_bytes(packed, sys.byteorder):08X}:{client[1]:04X}"
+    address = f"{int.from_bytes(packed, sys.byteorder):08X}:{client[1]:04X}"
     with contextlib.suppress(OSError):
         for line in table.read_text("ascii", "replace").splitlines()[1:]:
             columns = line.split()
-            if len(columns) > _UID and columns[1] == wanted and columns[2].endswith(f":{port:04X}"):
+            if len(columns) > _UID and columns[1] == address and columns[2].endswith(f":{port:04X}"):
                 return int(columns[_UID])
     return None
 
@@ -89,12 +89,12 @@ def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/t
 def may_use(user: int, path: Path) -> bool:
     """Return whether a user may connect to a daemon's socket: root, its owner, or a member of its group."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return user in (0, os.geteuid())
-    if user in (0, found.st_uid):
+    if user in (0, status.st_uid):
         return True
     with contextlib.suppress(KeyError):
         person = pwd.getpwuid(user)
-        return person.pw_gid == found.st_gid or person.pw_name in grp.getgrgid(found.st_gid).gr_mem
+        return person.pw_gid == status.st_gid or person.pw_name in grp.getgrgid(status.st_gid).gr_mem
     return False

@@ -99,8 +99,8 @@ class _End:
         return data
 
     def _wait(self, until_ns: float) -> None:
-        known, event = len(self.coming), clock.Event()
-        event.is_set = lambda: self.lost or len(self.coming) > known  # type: ignore[method-assign]
+        count, event = len(self.coming), clock.Event()
+        event.is_set = lambda: self.lost or len(self.coming) > count  # type: ignore[method-assign]
         event.wait(None if until_ns == math.inf else (until_ns - clock.now_ns()) / 1e9)
 
     def write(self, data: bytes) -> None:

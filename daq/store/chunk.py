@@ -90,14 +90,14 @@ def frame(batch: pa.RecordBatch, number: int) -> bytes:
 
 def salvage(data: bytes, schema: pa.Schema) -> Salvage:
     """Read a recording chunk of a known schema as far as it is sound. Raises OSError only where the memory is short."""
-    found, known = _read(data, schema), head(schema)
-    if data.startswith(known):
-        return found
+    as_stored, sound_head = _read(data, schema), head(schema)
+    if data.startswith(sound_head):
+        return as_stored
     # Another version of Arrow may write another head, so the file's own comes first. A damaged one
     # costs no batch, since what belongs there is known.
-    mended = _read(known + data[len(known) :], schema)
-    if mended.rows <= found.rows:
-        return found
+    mended = _read(sound_head + data[len(sound_head) :], schema)
+    if mended.rows <= as_stored.rows:
+        return as_stored
     damage = "its head is damaged" + (f", {mended.damage}" if mended.damage else "")
     return replace(mended, damage=damage)
 
@@ -114,21 +114,22 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
         while end < len(data) and not closed:
             closed = len(data) - end == len(END) and data.endswith(END)
             if not closed:
-                _hold_plain(pa.ipc.read_message(whole.slice(end)))
-                batches.append(_next(reader, len(batches)))
+                message = pa.ipc.read_message(whole.slice(end))
+                # A compressed batch may stand for any number of rows.
+                if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
+                    raise ValueError("not recorded like this")
+                batch, metadata = reader.read_next_batch_with_custom_metadata()
+                batch.validate(full=True)
+                stored = dict(metadata or {})
+                if stored.get(_CRC) != _digits(checksum(batch, len(batches))):
+                    raise ValueError("checksum mismatch")
+                batches.append(batch)
                 end = source.tell()
     except _DAMAGE as error:
         _hold_memory(error, len(data))
         damage = f"damaged after {len(batches)} batches ({_reason(error)})"
     unread = 0 if closed else len(data) - end
     return Salvage(tuple(batches), closed, unread, damage)
-
-
-def _hold_plain(message: pa.Message) -> None:
-    """Raise ValueError for anything but a batch as it is recorded: a compressed one may stand for any number of
-    rows."""
-    if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
-        raise ValueError("not recorded like this")
 
 
 def _has_compression(metadata: bytes) -> bool:
@@ -142,22 +143,13 @@ def _has_compression(metadata: bytes) -> bool:
 
 def _field(data: bytes, table: int, k: int) -> int:
     """Return how far behind its table's beginning the field k of a FlatBuffers table is; 0 if it has none."""
-    known = table - _number(data, table, "i")
-    return _number(data, known + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, known, "H") else 0
+    offsets = table - _number(data, table, "i")
+    return _number(data, offsets + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, offsets, "H") else 0
 
 
 def _number(data: bytes, at: int, kind: str) -> int:
     (number,) = struct.unpack_from(f"<{kind}", data, at)
     return int(number)
-
-
-def _next(reader: pa.RecordBatchStreamReader, number: int) -> pa.RecordBatch:
-    batch, metadata = reader.read_next_batch_with_custom_metadata()
-    batch.validate(full=True)
-    stored = dict(metadata or {})
-    if stored.get(_CRC) != _digits(checksum(batch, number)):
-        raise ValueError("checksum mismatch")
-    return batch
 
 
 def _digits(number: int) -> bytes:
@@ -197,24 +189,26 @@ def from_parquet(data: bytes) -> pa.Table | None:
     stands for more than a chunk has: a few bytes can stand for any number of equal rows, and rows for one long text.
     """
     try:
-        found = _decoded(data)
+        table = _decoded(data)
     except MemoryError:
         raise OSError(errno.ENOMEM, _NO_MEMORY) from None
     except _DAMAGE:
         return None
-    if isinstance(found, str):
-        raise OSError(errno.EFBIG, found)
-    return found
+    if isinstance(table, str):
+        raise OSError(errno.EFBIG, table)
+    return table
 
 
 def _decoded(data: bytes) -> pa.Table | str:
     """Return the table in a Parquet file, or in words how it is larger than any chunk."""
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
     rows, columns, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
-    if max(rows * columns * _CELL_BYTES, _unpacked_bytes(file.metadata)) > _MOST_DECODED:
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
+    if max(rows * columns * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a value of a dictionary counts once
         return f"it declares {rows} rows of {columns} columns, more than any chunk has"
     # Text is read as numbers of different texts, since how long all of it is shows only then.
-    text = _text_columns(schema)
+    text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     source = pa.BufferReader(data)
     file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
     table = file.read(use_threads=False)
@@ -225,20 +219,10 @@ def _decoded(data: bytes) -> pa.Table | str:
     return table
 
 
-def _text_columns(schema: pa.Schema) -> list[str]:
-    return [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
-
-
-def _unpacked_bytes(metadata: pq.FileMetaData) -> int:
-    """Return the bytes of a file's pages once they are unpacked; a value of a dictionary counts once."""
-    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
-    return sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
-
-
 def _text_bytes(column: pa.ChunkedArray) -> int:
     """Return the bytes of a column of text that was read as numbers of different texts."""
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
-    return sum(pc.sum(one).as_py() or 0 for one in lengths)
+    return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
 
 
 def _hold_memory(error: BaseException, size: int) -> None:

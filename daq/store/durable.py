@@ -133,10 +133,10 @@ def remove(path: Path) -> None:
 def write_at(fd: int, data: bytes, offset: int) -> None:
     """Write all of data: a disk that fills up takes a part of it first and refuses only then."""
     write = os.pwrite if hasattr(os, "pwrite") else _seek_and_write
-    rest = memoryview(data)
-    while rest:
-        written = write(fd, rest, offset)
-        rest, offset = rest[written:], offset + written
+    remaining = memoryview(data)
+    while remaining:
+        written = write(fd, remaining, offset)
+        remaining, offset = remaining[written:], offset + written
 
 
 def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
@@ -176,10 +176,10 @@ def read(fd: int) -> bytes:
 def is_named(fd: int, path: Path) -> bool:
     """Return whether an open file is still the one of this name."""
     try:
-        found = os.stat(path)  # noqa: PTH116 - through os, as everything here
+        status = os.stat(path)  # noqa: PTH116 - through os, as everything here
     except (FileNotFoundError, NotADirectoryError):
         return False
-    return os.path.samestat(found, os.fstat(fd))
+    return os.path.samestat(status, os.fstat(fd))
 
 
 def replace(path: Path, data: bytes, mode: int = 0o644) -> None:

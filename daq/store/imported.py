@@ -67,36 +67,35 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     return Run(path, manifest, {}, [], whole)
 
 
-def write_table_run(run: Run, path: Path, beside: Mapping[str, bytes] | None = None) -> Manifest:
+def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None = None) -> Manifest:
     """Make the run directory `path` of a run of a table, which is called as the directory from now on.
 
-    beside: content of the files that belong beside the rig file, by name.
+    companions: content of the files that belong beside the rig file, by name.
     Raises FileError where path exists, CellError when the disk refuses; then, and after Ctrl-C, nothing is left of it.
     """
     try:
         with new_directory(path) as made:
-            write_beside(made, beside or {})
-            _fill(run, made, _name(path))
+            write_beside(made, companions or {})
+            name = _name(path)
+            manifest = run.manifest.model_copy(update={"version": 2, "name": name})
+            lock = durable.lock(made)
+            try:
+                manifest.save(made)
+                ledger = Ledger.create(made, manifest.opening())
+                data = _parquet(manifest, run.table)
+                durable.replace(made / chunk_name(TABLE, 1), data)
+                for entry in _entries(run.table, data, run.manifest.relabelled):
+                    ledger.append(entry)
+                ledger.close()
+            finally:
+                durable.close(lock)
     except FileExistsError:
         raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
     except (OSError, pa.ArrowException) as error:
-        raise _refused(path, error) from error
+        problem = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+        remedy = durable.remedy(error, "make room or choose another directory")
+        raise CellError(str(path), f"cannot be written: {problem}", remedy) from error
     return load_manifest(path)
-
-
-def _fill(run: Run, path: Path, name: str) -> None:
-    manifest = run.manifest.model_copy(update={"version": 2, "name": name})
-    held = durable.lock(path)
-    try:
-        manifest.save(path)
-        ledger = Ledger.create(path, manifest.opening())
-        data = _parquet(manifest, run.table)
-        durable.replace(path / chunk_name(TABLE, 1), data)
-        for entry in _entries(run.table, data, run.manifest.relabelled):
-            ledger.append(entry)
-        ledger.close()
-    finally:
-        durable.close(held)
 
 
 def _parquet(opening: Manifest, table: pa.Table) -> bytes:
@@ -121,9 +120,3 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
 def _name(path: Path) -> str:
     """What to call the run: the directory's name, with _ for what a run's name cannot hold."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE
-
-
-def _refused(path: Path, error: Exception) -> CellError:
-    what = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-    remedy = durable.remedy(error, "make room or choose another directory")
-    return CellError(str(path), f"cannot be written: {what}", remedy)

@@ -86,9 +86,9 @@ class Claim:
     rows: Counter[str]
     ended: str | None = None
 
-    def __or__(self, other: Claim) -> Claim:
+    def __or__(self, claim: Claim) -> Claim:
         """Return the more that both claim."""
-        return Claim(self.rows | other.rows, self.ended or other.ended)
+        return Claim(self.rows | claim.rows, self.ended or claim.ended)
 
 
 def claim_in(data: bytes, opening: str | None) -> Claim:
@@ -97,8 +97,8 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
     A seal holds the number of rows twice, as rows and as samples: the smaller counts, so that a damaged digit makes no
     row missing. opening: SHA-256 of the run's manifest; the ledger of another run claims nothing.
     """
-    found, claimed, ended = verified(data), Counter[str](), None
-    if found.entries and found.entries[0].opening != opening:
+    ledger, claimed, ended = verified(data), Counter[str](), None
+    if ledger.entries and ledger.entries[0].opening != opening:
         return Claim(claimed)
     for line in data.split(b"\n"):
         entry = _content(match) if (match := _LINE.fullmatch(line)) else None
@@ -161,11 +161,11 @@ class Ledger:
     def resume(cls, run: Path) -> Ledger:
         """Open the ledger of a run, to go on after its last line that verifies. Raises FileError where whole lines
         follow it, which going on would replace."""
-        found = read_ledger(run)
-        if found.unread_lines:
-            what = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
-            raise FileError(str(run), what, f"{to_recover(run)}, which keeps them")
-        return cls(run / LEDGER, durable.reopen(run / LEDGER), found.size, found.last)
+        ledger = read_ledger(run)
+        if ledger.unread_lines:
+            problem = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
+            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps them")
+        return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: Entry) -> None:
         """Append an entry, durably. What an attempt that failed has left is cut off first."""

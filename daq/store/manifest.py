@@ -188,13 +188,13 @@ class Manifest(Record):
 
     def with_entries(self, entries: Sequence[Entry]) -> Manifest:
         """Return the manifest with what follows from these entries of its ledger. Raises ValidationError."""
-        history = [one for entry in entries for one in entry.relabelled]
+        history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
             chunks=tuple({entry.chunk.file: entry.chunk for entry in entries if entry.chunk}.values()),
             anchors=tuple(entry.anchor for entry in entries if entry.anchor),
             relabelled=tuple(history),
-            **{one.field: one.new for one in history},
+            **{change.field: change.new for change in history},
             **(dict(seal) if seal else {}),
         )
 
@@ -291,8 +291,8 @@ def load_manifest(run: Path) -> Manifest:
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error):
             raise newer from None
-        what = f"is damaged or of another version: {first_error(error)}"
-        raise FileError(str(path), what, f"{to_recover(run)} or restore the file") from None
+        problem = f"is damaged or of another version: {first_error(error)}"
+        raise FileError(str(path), problem, f"{to_recover(run)} or restore the file") from None
     except OSError as error:
         raise unreadable(path, error) from None
 
@@ -300,8 +300,8 @@ def load_manifest(run: Path) -> Manifest:
 def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:
     entries = read_ledger(run).entries
     if entries and entries[0].opening != digest:
-        what = f"has changed since the run began: {LEDGER} names another SHA-256"
-        raise FileError(str(run / MANIFEST), what, f"{to_recover(run)} or restore the file")
+        problem = f"has changed since the run began: {LEDGER} names another SHA-256"
+        raise FileError(str(run / MANIFEST), problem, f"{to_recover(run)} or restore the file")
     return manifest.with_entries(entries)
 
 

@@ -71,8 +71,8 @@ def mark_kept(run: Path, kept: bool) -> None:
 def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
     load_manifest(run)
     try:
-        held = durable.try_lock(run)
-        if held is None:
+        lock = durable.try_lock(run)
+        if lock is None:
             raise FileError(
                 str(run), "is being recorded or changed by another program", "try again when that has ended"
             )
@@ -80,7 +80,7 @@ def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
             marks = change(load_marks(run))
             durable.replace(run / MARKS, marks.model_dump_json(indent=1).encode())
         finally:
-            os.close(held)
+            os.close(lock)
     except OSError as error:
-        what = f"cannot be marked: {error.strerror or error}"
-        raise CellError(str(run), what, "do it as the owner of the run, where there is room") from None
+        problem = f"cannot be marked: {error.strerror or error}"
+        raise CellError(str(run), problem, "do it as the owner of the run, where there is room") from None

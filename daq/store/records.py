@@ -117,7 +117,7 @@ def no_run(path: Path) -> FileError:
         return FileError(str(path), "is a file, not the directory of a run", "give the directory of a run")
     try:
         alike = path.parent.glob(f"*_{glob.escape(path.name)}") if path.name else ()
-        named = [one for one in alike if one.is_dir()]
+        named = [directory for directory in alike if directory.is_dir()]
     except OSError:
         named = []
     meant = f"did you mean {as_argument(named[0])}?" if len(named) == 1 else "check the path"

@@ -20,7 +20,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
+from daq.store.chunk import MOST_BYTES, from_parquet, opening_in, salvage, with_opening
 from daq.store.ledger import LEDGER, Claim, Entry, Ledger, claim_in, lines_of, read_ledger
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
 from daq.store.records import BEING_RECORDED, Chunk, Seal, chunk_name, no_run, parse_chunk, sha256
@@ -61,13 +61,13 @@ def recover(path: Path) -> Recovery:
     try:
         if not path.is_dir():
             raise no_run(path)
-        held = durable.try_lock(path)
-        if held is None:
+        lock = durable.try_lock(path)
+        if lock is None:
             raise FileError(str(path), *BEING_RECORDED)
         try:
             return _repaired(path)
         finally:
-            durable.close(held)
+            durable.close(lock)
     except (OSError, pa.ArrowException) as error:
         raise CellError(
             str(path), f"cannot be recovered: {_in_words(error)}", f"{_remedy(error)}; nothing was lost"
@@ -76,8 +76,8 @@ def recover(path: Path) -> Recovery:
 
 def _in_words(error: Exception) -> str:
     """Return what went wrong and with which file; the system names some by a number that says nothing."""
-    what, file = getattr(error, "strerror", None), getattr(error, "filename", None)
-    return f"{what}: {file!r}" if what and isinstance(file, str) else str(what or error)
+    reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
+    return f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
 
 
 def _remedy(error: Exception) -> str:
@@ -111,9 +111,10 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
     except FileError as error:
         opening = _opening_in(path)
         if opening is None:
-            what = f"{error.what}; and no chunk is left that says what the run was"
-            raise FileError(error.where, what, "restore manifest.json from a copy") from None
-    for file, spoilt in ((MANIFEST, True), (LEDGER, _is_of_another(path, opening))):
+            problem = f"{error.what}; and no chunk is left that says what the run was"
+            raise FileError(error.where, problem, "restore manifest.json from a copy") from None
+    entries = read_ledger(path).entries
+    for file, spoilt in ((MANIFEST, True), (LEDGER, bool(entries) and entries[0].opening != sha256(opening))):
         if spoilt and (path / file).exists():
             durable.rename(path / file, _torn_name(path / file))
     durable.replace(path / MANIFEST, opening)
@@ -121,38 +122,28 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
     return load_manifest(path)
 
 
-def _is_of_another(path: Path, opening: bytes) -> bool:
-    """Return whether the run's ledger begins with another manifest than this."""
-    entries = read_ledger(path).entries
-    return bool(entries) and entries[0].opening != sha256(opening)
-
-
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
     """Return the manifest of a run whose ledger can be appended to; where there is none, it is made."""
-    found = read_ledger(path)
-    if manifest.version > 1 and found.entries:
-        if found.unread:
+    ledger = read_ledger(path)
+    if manifest.version > 1 and ledger.entries:
+        if ledger.unread:
             torn, data = _torn_name(path / LEDGER), (path / LEDGER).read_bytes()
             durable.replace(torn, data)
-            durable.replace(path / LEDGER, data[: found.size])
-            done.notes.append(f"{LEDGER}: {found.unread} bytes at its end cannot be verified; kept as {torn.name}")
+            durable.replace(path / LEDGER, data[: ledger.size])
+            done.notes.append(f"{LEDGER}: {ledger.unread} bytes at its end cannot be verified; kept as {torn.name}")
         return manifest
     if manifest.version == 1 and manifest.exit_status != "recording" and not left_over(path, manifest):
         return manifest
     if manifest.version > 1 and (path / LEDGER).exists():
         durable.rename(path / LEDGER, _torn_name(path / LEDGER))
     upgraded = manifest.updated(version=2)
-    durable.replace(path / LEDGER, lines_of(_entries_of(upgraded)))
+    history = [Entry(relabelled=upgraded.relabelled)] if upgraded.relabelled else []
+    chunks = [Entry(chunk=chunk) for chunk in upgraded.chunks]
+    anchors = [Entry(anchor=anchor) for anchor in upgraded.anchors]
+    durable.replace(path / LEDGER, lines_of([Entry(opening=sha256(upgraded.opening())), *history, *chunks, *anchors]))
     upgraded.save(path)
     done.notes.append(f"{LEDGER}: made, since there was none that could be read")
     return upgraded
-
-
-def _entries_of(manifest: Manifest) -> list[Entry]:
-    history = [Entry(relabelled=manifest.relabelled)] if manifest.relabelled else []
-    chunks = [Entry(chunk=chunk) for chunk in manifest.chunks]
-    anchors = [Entry(anchor=anchor) for anchor in manifest.anchors]
-    return [Entry(opening=sha256(manifest.opening())), *history, *chunks, *anchors]
 
 
 def _claimed(path: Path) -> Claim:
@@ -204,21 +195,24 @@ class _Repair:
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
         schema = with_opening(self._schema(stream), self.opening)
-        found = salvage(read_bytes(file, MOST_BYTES), schema)
+        salvaged = salvage(read_bytes(file, MOST_BYTES), schema)
         chunk = self._closed(stream, number)
-        if (chunk.rows if chunk else 0) < found.rows:
+        if (chunk.rows if chunk else 0) < salvaged.rows:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
                 self._set_aside(broken, "damaged, made again from the recording chunk")
-            chunk = store_chunk(self.path, stream, number, found, schema)
+            chunk = store_chunk(self.path, stream, number, salvaged, schema)
         if chunk:
             self._list(chunk)
-        if found.damage or found.unread:
-            self._set_aside(file, _loss(found))
+        if salvaged.damage or salvaged.unread:
+            damage = salvaged.damage or "cut off"
+            self._set_aside(
+                file, f"{salvaged.unread} bytes could not be read, {damage}; {salvaged.rows} rows before them are safe"
+            )
         else:
             durable.remove(file)
             durable.sync_directory(self.path)
-            self.done.notes.append(f"{file.name}: whole, {found.rows} rows")
+            self.done.notes.append(f"{file.name}: whole, {salvaged.rows} rows")
 
     def _adopt(self, file: Path, stream: str, number: int) -> None:
         if any(chunk.file == file.name for chunk in self.manifest.chunks):
@@ -262,15 +256,17 @@ class _Repair:
 
     def _seal(self) -> None:
         was, claimed = self.manifest, _claimed(self.path)
-        held = {stream: self._rows(stream) for stream in self.manifest.all_streams}
+        row_counts = {stream: self._rows(stream) for stream in self.manifest.all_streams}
         counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
-        for stream in held.keys() & counters.keys():
+        for stream in row_counts.keys() & counters.keys():
             counters[stream]["samples"] = sum(chunk.rows for chunk in was.chunks_of(stream))
         seal = Seal(
             exit_status="recovered",
             reason="the recording crashed" if was.exit_status == "recording" else was.reason,
             ended=was.ended or claimed.ended,
-            rows={stream: max(rows, was.rows.get(stream, 0), claimed.rows[stream]) for stream, rows in held.items()},
+            rows={
+                stream: max(rows, was.rows.get(stream, 0), claimed.rows[stream]) for stream, rows in row_counts.items()
+            },
             counters=counters,
         )
         self.ledger.append(Entry(seal=seal))
@@ -299,8 +295,3 @@ class _Repair:
 def _torn_name(file: Path) -> Path:
     names = (file.with_name(f"{file.name}{TORN}{number or ''}") for number in count())
     return next(name for name in names if not name.exists())
-
-
-def _loss(found: Salvage) -> str:
-    damage = found.damage or "cut off"
-    return f"{found.unread} bytes could not be read, {damage}; {found.rows} rows before them are safe"

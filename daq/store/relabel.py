@@ -37,10 +37,10 @@ def relabel(
     """
     unchanged = load_manifest(run)
     try:
-        held = durable.try_lock(run)
-        if held is None and unchanged.exit_status == "recording":
+        lock = durable.try_lock(run)
+        if lock is None and unchanged.exit_status == "recording":
             raise FileError(str(run), *BEING_RECORDED)
-        if held is None:
+        if lock is None:
             raise FileError(str(run), "is being changed by another program", "try again when it has ended")
         try:
             manifest = load_manifest(run)
@@ -50,10 +50,10 @@ def relabel(
             if changed != manifest:
                 _save(run, changed, changed.relabelled[len(manifest.relabelled) :])
         finally:
-            durable.close(held)
+            durable.close(lock)
     except OSError as error:
-        what = f"cannot be relabelled: {error.strerror or error}"
-        raise CellError(str(run), what, "do it as the owner of the run, where there is room") from None
+        problem = f"cannot be relabelled: {error.strerror or error}"
+        raise CellError(str(run), problem, "do it as the owner of the run, where there is room") from None
     return changed
 
 
@@ -103,8 +103,8 @@ def _test_and_direction(
 ) -> dict[str, str | None]:
     """What both become. Raises FileError where the run cannot be that, UseError for a direction without a circle."""
     if test != manifest.test and not _alike(manifest, test):
-        what = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
-        raise FileError(str(run), what, f"import them again with --test {test}")
+        problem = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
+        raise FileError(str(run), problem, f"import them again with --test {test}")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
             raise UseError("--direction", f"a {test} test has no direction", "leave it out")
@@ -115,9 +115,9 @@ def _test_and_direction(
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
     if manifest.table is not None and direction not in (None, manifest.direction):
         # Each row of the table says it too, and tables are never changed.
-        what = f"holds an imported table whose rows say {manifest.direction}"
+        problem = f"holds an imported table whose rows say {manifest.direction}"
         remedy = f"import it again with --direction {direction}, its direction column left out"
-        raise FileError(str(run), what, remedy)
+        raise FileError(str(run), problem, remedy)
     return {"test": test, "direction": direction or manifest.direction}
 
 

@@ -104,28 +104,25 @@ def _status(run: Path, manifest: Manifest) -> str:
     return "recording" if durable.may_be_locked(run) else "crashed"
 
 
-def decide(found: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
+def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
     """Decide what has to be deleted: what is too old, then the oldest until the rest fits."""
-    free = sorted((run for run in found if run.may_go), key=lambda run: run.ended_s)
-    old = [run for run in free if limits.days is not None and now_s - run.ended_s > limits.days * _DAY_S]
-    over = sum(run.size for run in found) - sum(run.size for run in old) - _allowed(limits)
-    more = []
-    for run in free[len(old) :]:
+    free = sorted((info for info in runs if info.may_go), key=lambda info: info.ended_s)
+    old = [info for info in free if limits.days is not None and now_s - info.ended_s > limits.days * _DAY_S]
+    allowed = int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
+    over = sum(info.size for info in runs) - sum(info.size for info in old) - allowed
+    further = []
+    for info in free[len(old) :]:
         if over <= 0:
             break
-        more.append(run)
-        over -= run.size
-    return Decision((*old, *more), max(0, over))
-
-
-def _allowed(limits: Retention) -> int:
-    return int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
+        further.append(info)
+        over -= info.size
+    return Decision((*old, *further), max(0, over))
 
 
 def delete(run: Path) -> bool:
     """Delete a run after checking again that it may be deleted; False if it may not. Raises OSError."""
-    held = durable.try_lock(run)
-    if held is None:
+    lock = durable.try_lock(run)
+    if lock is None:
         return False
     try:
         if not look(run).may_go:
@@ -134,7 +131,7 @@ def delete(run: Path) -> bool:
         run.rename(gone)
         durable.sync_directory(run.parent)
     finally:
-        os.close(held)
+        os.close(lock)
     shutil.rmtree(gone)
     return True
 

@@ -27,8 +27,8 @@ class NearlyFull(CellError):
     """The error for a disk that is nearly full, on which everything can still be written and closed."""
 
     def __init__(self, place: Path, free: int, needed: int) -> None:
-        what = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
-        super().__init__(str(place), what, "make room")
+        problem = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
+        super().__init__(str(place), problem, "make room")
 
 
 def require_room(place: Path, needed: int) -> None:

@@ -57,13 +57,6 @@ def read_run(path: Path) -> Run:
     Raises FileError when it is missing, still being recorded, crashed and not recovered, or damaged.
     """
     manifest = load_manifest(path)
-    _refuse_unfinished(path, manifest)
-    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
-    table = read_stream(path, manifest, TABLE) if manifest.table else None
-    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
-
-
-def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
     recording = manifest.exit_status == "recording"
     try:
         if recording and is_locked(path):
@@ -72,6 +65,9 @@ def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):
         raise FileError(str(path), "was not closed: the recording crashed", to_recover(path))
+    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
+    table = read_stream(path, manifest, TABLE) if manifest.table else None
+    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
 
 
 def is_unclosed(path: Path) -> bool:
@@ -81,8 +77,8 @@ def is_unclosed(path: Path) -> bool:
     """
     manifest = load_manifest(path)
     try:
-        left = manifest.exit_status == "recording" or any((*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")))
-        return left and not is_locked(path)
+        is_left = manifest.exit_status == "recording" or any((*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")))
+        return is_left and not is_locked(path)
     except OSError as error:
         raise unreadable(path, error) from None
 
@@ -124,8 +120,8 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
     if table is None:
         raise FileError(str(file), "is not a Parquet file", remedy)
     if not table.schema.equals(schema):
-        what = f"holds the columns {', '.join(table.schema.names)}, the manifest says otherwise"
-        raise FileError(str(file), what, remedy)
+        problem = f"holds the columns {', '.join(table.schema.names)}, the manifest says otherwise"
+        raise FileError(str(file), problem, remedy)
     if table.num_rows != chunk.rows:
         raise FileError(str(file), f"holds {table.num_rows} rows, the manifest says {chunk.rows}", remedy)
     return table.replace_schema_metadata(None)

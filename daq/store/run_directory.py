@@ -41,7 +41,7 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
         raise CellError(str(vanished[0]), "has vanished during the recording", _WHO_DELETES)
 
 
-def create_run_directory(runs: Path, manifest: Manifest, beside: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
+def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
     """Create a fresh directory `<UTC time>_<name>` under runs, with the files that belong beside the rig file.
 
     Return it with the run's lock and its ledger.
@@ -49,27 +49,27 @@ def create_run_directory(runs: Path, manifest: Manifest, beside: Mapping[str, by
     Raises NearlyFull if there is too little room to begin, OSError if the disk refuses.
     """
     durable.make_directories(runs)
-    require_room(runs, TO_BEGIN_BYTES + sum(map(len, beside.values())))
+    require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))
     path = _fresh_directory(runs, manifest.name)
     try:
-        held = durable.lock(path)
+        lock = durable.lock(path)
         try:
-            write_beside(path, beside)
+            write_beside(path, companions)
             manifest.save(path)
             durable.sync_directory(runs)
-            return path, held, Ledger.create(path, manifest.opening())
+            return path, lock, Ledger.create(path, manifest.opening())
         except OSError:
-            durable.close(held)
+            durable.close(lock)
             raise
     except OSError:
         durable.discard(path)
         raise
 
 
-def write_beside(path: Path, beside: Mapping[str, bytes]) -> None:
+def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
     """Write the files that belong beside the rig file of a run into its directory, durably. The rig file has the digest
     of each, and the manifest that of the rig file. Raises OSError."""
-    for name, content in beside.items():
+    for name, content in companions.items():
         durable.replace(path / name, content)
 
 

@@ -157,12 +157,12 @@ def _lock_of(directory: Path) -> int | None:
 
 def _remove_left_over(parent: Path) -> None:
     """Remove the hidden directories of processes that were killed while they filled them."""
-    for there in parent.glob(f".*{durable.TEMPORARY}"):
-        if not _OURS.fullmatch(there.name) or there.is_symlink():
+    for directory in parent.glob(f".*{durable.TEMPORARY}"):
+        if not _OURS.fullmatch(directory.name) or directory.is_symlink():
             continue
-        fd = _lock_of(there)
+        fd = _lock_of(directory)
         if fd is not None:
-            shutil.rmtree(there, ignore_errors=True)
+            shutil.rmtree(directory, ignore_errors=True)
             os.close(fd)
 
 

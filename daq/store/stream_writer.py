@@ -185,10 +185,10 @@ class StreamWriter:
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
-        found = salvage(durable.read(chunk.fd), self.schema)  # also where its name has vanished
-        if found.damage or found.rows != chunk.rows:
-            raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
-        return store_chunk(self.run, self.stream, chunk.number, found, self.schema)
+        salvaged = salvage(durable.read(chunk.fd), self.schema)  # also where its name has vanished
+        if salvaged.damage or salvaged.rows != chunk.rows:
+            raise OSError(errno.EIO, f"{chunk.path.name} reads back {salvaged.damage or 'short'}")
+        return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:
         """Delete a chunk whose rows are in a Parquet file that the ledger lists."""
@@ -209,9 +209,9 @@ class StreamWriter:
             self.open = None
 
 
-def store_chunk(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:
+def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: pa.Schema) -> Chunk:
     """Make a Parquet chunk of verified batches, durably. Raises OSError."""
-    table = table_of(found.batches, schema)
+    table = table_of(salvaged.batches, schema)
     data = to_parquet(table)
     path = run / chunk_name(stream, number)
     durable.replace(path, data)

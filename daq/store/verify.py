@@ -78,7 +78,7 @@ class _Stream:
     """What was read of one stream. end: one more than the number of its last row; doubled rows count twice in held."""
 
     name: str
-    held: int = 0
+    rows_read: int = 0
     end: int = 0
     gaps: list[Gap] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -106,8 +106,8 @@ def judge(path: Path) -> Verdict:
     """
     try:
         manifest = load_manifest(path)
-        found = _read_ledger(path)
-        ledger = _ledger(path, manifest, found)
+        verified = _read_ledger(path)
+        ledger = _ledger(path, manifest, verified)
     except FileError as error:
         return Verdict(path, problems=(str(error),))
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
@@ -115,7 +115,7 @@ def judge(path: Path) -> Verdict:
     recovered = manifest.exit_status == "recovered"
     is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
     # While a run is recorded, each chunk enters the ledger once it is full.
-    left = [] if is_recorded else _left_over(path, manifest)
+    leftovers = [] if is_recorded else _left_over(path, manifest)
     if not problems:  # a chunk that cannot be read explains every number that does not fit
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
@@ -123,11 +123,11 @@ def judge(path: Path) -> Verdict:
         manifest.is_sealed,
         recovered,
         not recovered or manifest.ended is not None,
-        found.seal,
+        verified.seal,
         tuple(gap for stream in streams for gap in stream.gaps),
         (
             *(ledger or _table(path, manifest)), *_manifest(path, manifest, is_recorded=is_recorded),
-            *_marks(path), *left, *problems,
+            *_marks(path), *leftovers, *problems,
         ),
     )  # fmt: skip
 
@@ -139,13 +139,13 @@ def _read_ledger(path: Path) -> Verified:
         raise unreadable(path / LEDGER, error) from None
 
 
-def _ledger(path: Path, manifest: Manifest, found: Verified) -> list[str]:
+def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
     if manifest.version == 1:
         return []
-    if not found.entries:
+    if not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
-    if found.unread and manifest.exit_status != "recording":
-        line = len(found.entries) + 1
+    if verified.unread and manifest.exit_status != "recording":
+        line = len(verified.entries) + 1
         return [f"{path / LEDGER}: line {line} and what follows cannot be verified; {to_recover(path)}"]
     return []
 
@@ -201,40 +201,40 @@ def _left_over(path: Path, manifest: Manifest) -> list[str]:
 
 def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
     """Read all chunks of a stream."""
-    schema, found = manifest.arrow_schema(stream), _Stream(stream)
+    schema, read = manifest.arrow_schema(stream), _Stream(stream)
     for number, chunk in enumerate(manifest.chunks_of(stream), start=1):
-        if chunk.number != number and manifest.exit_status != "recovered" and not found.problems:
-            found.problems.append(f"{path}: chunk {number} of {stream} is missing, and nothing says what it held")
+        if chunk.number != number and manifest.exit_status != "recovered" and not read.problems:
+            read.problems.append(f"{path}: chunk {number} of {stream} is missing, and nothing says what it held")
         try:
             rows = read_chunk(path, chunk, schema)
         except FileError as error:
-            found.problems.append(str(error))
-            found.skip_to(found.end if chunk.first_row is None else chunk.first_row)
-            found.end += chunk.rows
+            read.problems.append(str(error))
+            read.skip_to(read.end if chunk.first_row is None else chunk.first_row)
+            read.end += chunk.rows
             continue
-        found.held += chunk.rows
+        read.rows_read += chunk.rows
         if stream == TABLE:
-            found.end += chunk.rows
+            read.end += chunk.rows
         else:
-            _follow(found, path / chunk.file, rows)
-    found.skip_to(max(found.end, manifest.rows.get(stream, 0)))
-    return found
+            _follow(read, path / chunk.file, rows)
+    read.skip_to(max(read.end, manifest.rows.get(stream, 0)))
+    return read
 
 
-def _follow(found: _Stream, file: Path, rows: pa.Table) -> None:
+def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
     """Go through the row numbers of a chunk: each should be one more than the one before."""
     sequence = rows["sequence"].to_numpy()
-    for i in np.flatnonzero(np.diff(sequence, prepend=found.end - 1) != 1):
-        expected = found.end if i == 0 else int(sequence[i - 1]) + 1
-        found.end = expected
+    for i in np.flatnonzero(np.diff(sequence, prepend=read.end - 1) != 1):
+        expected = read.end if i == 0 else int(sequence[i - 1]) + 1
+        read.end = expected
         if sequence[i] < expected:
-            found.problems.append(f"{file}: rows are doubled before row {i}")
+            read.problems.append(f"{file}: rows are doubled before row {i}")
         else:
-            found.skip_to(int(sequence[i]))
-    found.end = int(sequence[-1]) + 1 if len(sequence) else found.end
-    if found.name == FAULTS:
+            read.skip_to(int(sequence[i]))
+    read.end = int(sequence[-1]) + 1 if len(sequence) else read.end
+    if read.name == FAULTS:
         for stream, kind, count in zip(*(rows[name].to_pylist() for name in ("stream", "kind", "count")), strict=True):
-            found.faults[stream, kind] += count
+            read.faults[stream, kind] += count
 
 
 def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) -> list[str]:
@@ -244,16 +244,16 @@ def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) ->
     """
     problems = []
     for stream, counts in manifest.counters.items():
-        held = streams[stream].held if stream in streams else 0
-        if "samples" in counts and stream in streams and counts["samples"] != held:
-            problems.append(f"{path}: {stream} holds {held} rows, and {counts['samples']} samples were counted")
+        row_count = streams[stream].rows_read if stream in streams else 0
+        if "samples" in counts and stream in streams and counts["samples"] != row_count:
+            problems.append(f"{path}: {stream} holds {row_count} rows, and {counts['samples']} samples were counted")
     if manifest.exit_status not in ("complete", "interrupted"):
         return problems
     counted = {
         (s, kind): n for s, counts in manifest.counters.items() for kind, n in counts.items() if kind != "samples"
     }
-    found = streams[FAULTS].faults
-    for stream, kind in sorted({key for key in counted if counted[key] != found[key]}):
+    faults = streams[FAULTS].faults
+    for stream, kind in sorted({key for key in counted if counted[key] != faults[key]}):
         n = counted[stream, kind]
-        problems.append(f"{path}: {n} {kind} of {stream} were counted, the faults hold {found[stream, kind]}")
+        problems.append(f"{path}: {n} {kind} of {stream} were counted, the faults hold {faults[stream, kind]}")
     return problems

@@ -93,7 +93,7 @@ class RunWriter:
         corrected: DrivenWith = "",
         view_zero_mm: ViewZero | None = None,
         follows: str = "",
-        beside: Mapping[str, bytes] | None = None,
+        companions: Mapping[str, bytes] | None = None,
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
         """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest and ledger on the disk.
@@ -101,7 +101,7 @@ class RunWriter:
         A name that begins with a UTC time of its own is the directory's as it is.
 
         streams: value columns of each sample stream. follows: the run that this one goes on from.
-        beside: content of the files that belong beside the rig file, by name.
+        companions: content of the files that belong beside the rig file, by name.
         Raises FileError for unusable names, CellError when the disk refuses (NearlyFull when it soon would).
         """
         manifest = new_manifest(
@@ -118,7 +118,7 @@ class RunWriter:
             follows=follows,
         )
         try:
-            path, held, ledger = create_run_directory(runs, manifest, beside or {})
+            path, lock, ledger = create_run_directory(runs, manifest, companions or {})
         except OSError as error:
             remedy = durable.remedy(error, "make room or choose another directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
@@ -126,7 +126,7 @@ class RunWriter:
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
             for stream, columns in manifest.all_streams.items()
         }
-        return cls(path, manifest, writers, held, ledger, os.fstat(held).st_dev, chunk_rows)
+        return cls(path, manifest, writers, lock, ledger, os.fstat(lock).st_dev, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
         """Take samples of one stream; they are kept in memory until `write` or `sync`."""
@@ -232,19 +232,17 @@ class RunWriter:
             problems.append(unsealed)
         else:
             self.seal = self._ledger.last
-        self._count_lost(sealed=not unsealed)
+        sealed = not unsealed
+        self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
+        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the faults that are stored
+            if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
+                self.lost[row[0]] += row[1].count
         for writer in self._writers.values():
             writer.release()
         self._ledger.close()
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
-
-    def _count_lost(self, *, sealed: bool) -> None:
-        self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
-        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the faults that are stored
-            if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
-                self.lost[row[0]] += row[1].count
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
         rows = {"samples": self._writers[stream].rows} if stream in self._writers else {}

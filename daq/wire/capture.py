@@ -86,11 +86,11 @@ def read_capture(path: Path) -> Capture:
 
 def _piece(path: Path, number: int, line: str) -> Piece:
     try:
-        found = _LINE.fullmatch(line)
-        if found is None:
+        match = _LINE.fullmatch(line)
+        if match is None:
             raise ValueError("no piece")
-        data = found[4].encode("ascii").decode("unicode_escape").encode("latin-1")
-        return Piece(int(found[1]), found[2], Mark(found[3]), data)
+        data = match[4].encode("ascii").decode("unicode_escape").encode("latin-1")
+        return Piece(int(match[1]), match[2], Mark(match[3]), data)
     except ValueError:
-        what = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
-        raise FileError(str(path), what, "correct or delete that line") from None
+        problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
+        raise FileError(str(path), problem, "correct or delete that line") from None

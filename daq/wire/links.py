@@ -61,7 +61,8 @@ class Link:
         """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
         try:
             if not select.select([self._fd], [], [], max(0.0, timeout_s))[0]:
-                self._check_alive()
+                if clock.now_s() - self._heard_s > self._dead_s:
+                    raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
                 return b""
             data = os.read(self._fd, 65536)
         except BlockingIOError:
@@ -72,10 +73,6 @@ class Link:
             raise LinkLost("the other end closed the connection")
         self._heard_s = clock.now_s()
         return data
-
-    def _check_alive(self) -> None:
-        if clock.now_s() - self._heard_s > self._dead_s:
-            raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
@@ -118,12 +115,14 @@ class SerialLink(Link):
         if clock.now_s() - self._looked_s < _REPORT_EVERY_S:
             return []
         before, self._errors, self._looked_s = self._errors, line_errors(self._fd), clock.now_s()
-        more = {name: count - before.get(name, 0) for name, count in self._errors.items()}
-        told = ", ".join(f"{count} {name}" for name, count in more.items() if count > 0)
-        if not told:
+        increase = {name: count - before.get(name, 0) for name, count in self._errors.items()}
+        errors = ", ".join(f"{count} {name}" for name, count in increase.items() if count > 0)
+        if not errors:
             return []
-        detail = f"characters lost or damaged on the way, by the count of the port: {told}; check the cable, its length"
-        count = sum(max(0, count) for count in more.values())
+        detail = (
+            f"characters lost or damaged on the way, by the count of the port: {errors}; check the cable, its length"
+        )
+        count = sum(max(0, count) for count in increase.values())
         return [Fault(FaultKind.LINE, clock.now_ns(), f"{detail}, and the line's settings", count)]
 
     def set_dtr(self, on: bool) -> None:
@@ -256,8 +255,8 @@ class ListeningLink(Link):
 class _Strangers:
     """What came from others than the peer: counted, and reported once a second."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, subject: str) -> None:
+        self._subject = subject
         self._count = 0
         self._last: Address | None = None
         self._reported_s = -math.inf
@@ -272,7 +271,7 @@ class _Strangers:
             return []
         count, self._count, self._reported_s = self._count, 0, now_s
         stranger, read = _address_text(self._last), _address_text(peer)
-        detail = f"{self._what} from {stranger} ignored, since {read} is being read; stop the other sender"
+        detail = f"{self._subject} from {stranger} ignored, since {read} is being read; stop the other sender"
         return [Fault(FaultKind.STRANGER, clock.now_ns(), detail, count)]
 
 

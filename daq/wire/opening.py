@@ -46,7 +46,7 @@ def open_link(
 def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
     where = f"{name}, udp://{address[0]}:{address[1]}"
     try:
-        family, kind, protocol, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        family, kind, protocol, _, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         sock = socket.socket(family, kind, protocol)
     except UnicodeError:
         raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
@@ -56,11 +56,11 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
     sock.setblocking(False)
     try:
         if listens:
-            sock.bind(found)
+            sock.bind(endpoint)
     except OSError as error:
         sock.close()
         raise CellError(where, f"cannot be bound: {error.strerror or error}", _OURS) from None
-    return UdpLink(name, sock, None if listens else found)
+    return UdpLink(name, sock, None if listens else endpoint)
 
 
 def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
@@ -82,8 +82,8 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
 def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
     where = f"{name}, tcp://{address[0]}:{address[1]}"
     try:
-        family, *_, found = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
-        server = socket.create_server(found[:2], family=family, backlog=1)
+        family, *_, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
+        server = socket.create_server(endpoint[:2], family=family, backlog=1)
     except UnicodeError:
         raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:

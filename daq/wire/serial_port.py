@@ -37,11 +37,11 @@ def port_names(root: Path = Path("/")) -> list[str]:
     Those that are plugged in come first, then those that are built in; names without a chip behind them are left out.
     root: where /dev and /sys are.
     """
-    found = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
-    found += sorted(file for kind in _PLUGGED for file in (root / "dev").glob(kind))
-    found += sorted(file for kind in _BUILT_IN for file in (root / "dev").glob(kind) if _has_chip(file.name, root))
+    files = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
+    files += sorted(file for kind in _PLUGGED for file in (root / "dev").glob(kind))
+    files += sorted(file for kind in _BUILT_IN for file in (root / "dev").glob(kind) if _has_chip(file.name, root))
     best: dict[Path, Path] = {}
-    for file in found:
+    for file in files:
         best.setdefault(file.resolve(), file)
     return [f"/{file.relative_to(root)}" for file in best.values()]
 
@@ -64,11 +64,16 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
     where = f"{name}, {port}"
     try:
         if not Path(port).exists():
-            here = ", ".join(port_names()) or "none"
-            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {here}")
+            ports = ", ".join(port_names()) or "none"
+            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {ports}")
         device = _configured(port, line, modem)
         if line.parity != "N":
-            _check_parity(device.fileno())
+            # Have the system pass on NUL, which no reading holds, for a character of wrong parity.  pyserial has
+            # such a one passed on as it is: a digit of which the line turned a bit would be another digit.
+            fd = device.fileno()
+            settings = termios.tcgetattr(fd)
+            settings[_IFLAG] |= termios.INPCK
+            termios.tcsetattr(fd, termios.TCSANOW, settings)
     except serial.SerialException as error:
         raise CellError(where, *_serial_problem(error)) from None
     except (OSError, ValueError, termios.error) as error:
@@ -91,16 +96,6 @@ def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Seria
         device.bytesize, device.parity, device.stopbits = serial.EIGHTBITS, serial.PARITY_NONE, serial.STOPBITS_ONE
         device.open()
     return device
-
-
-def _check_parity(fd: int) -> None:
-    """Have the system pass on NUL, which no reading holds, for a character of wrong parity.
-
-    pyserial has such a one passed on as it is: a digit of which the line turned a bit would be another digit.
-    """
-    settings = termios.tcgetattr(fd)
-    settings[_IFLAG] |= termios.INPCK
-    termios.tcsetattr(fd, termios.TCSANOW, settings)
 
 
 def line_errors(fd: int) -> dict[str, int]:

@@ -27,10 +27,11 @@ from rigs.schema.effect import size_field as size_field
 
 def _class_in(name: str) -> type[Effect]:
     """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
-    held = vars(importlib.import_module(f"{__name__}.{name}")).values()
-    for one in held:
-        if isinstance(one, type) and issubclass(one, Effect) and one.model_fields["effect"].default == name:
-            return _whole(f"rigs/effects/{name}.py", one)
+    members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
+    for member in members:
+        is_effect = isinstance(member, type) and issubclass(member, Effect)
+        if is_effect and member.model_fields["effect"].default == name:
+            return _whole(f"rigs/effects/{name}.py", member)
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
 
@@ -66,12 +67,12 @@ else:
 
 def turned(axis: int, angle_deg: float) -> Effect:
     """The effect that turns a joint (1 … 6) by a constant: what scatters, and what derivatives are taken by."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.turning(axis, angle_deg)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.turning(axis, angle_deg)))
 
 
 def changed(axis: int, key: str, delta: float) -> Effect:
     """The effect that changes a constant of an axis (1 … 6), called as in the rig file, by delta mm or degrees."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.changing(axis, key, delta)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.changing(axis, key, delta)))
 
 
 def play_of_joint(axis: int, width_deg: float) -> Effect:
@@ -82,7 +83,7 @@ def play_of_joint(axis: int, width_deg: float) -> Effect:
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
     """The effect that is a swing of the link."""
-    return next(one for cls in VOCABULARY.values() if (one := cls.swinging(frequency_hz, amplitude_mm)))
+    return next(effect for cls in VOCABULARY.values() if (effect := cls.swinging(frequency_hz, amplitude_mm)))
 
 
 @cache

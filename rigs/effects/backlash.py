@@ -64,8 +64,8 @@ class Backlash(Effect):
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
         deviation = np.mean(plays(q, widths), axis=0) - q
         if self.preload:
-            held = self.preload * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
-            deviation = (1 - np.abs(held)) * deviation + held * half
+            side = self.preload * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
+            deviation = (1 - np.abs(side)) * deviation + side * half
         return scene.turned(self.axis, deviation)
 
     @classmethod
@@ -95,6 +95,6 @@ class Backlash(Effect):
     def departures(self) -> Departures:
         """Where in its play the joint began, and how it crosses it."""
         half_deg = self.width_deg / 2
-        own = scaled(self, 1.0, preload=0.0)
-        spectrum = tuple(((_SHARE / ratio, scaled(own, ratio, transit=0.0)), (-_SHARE, own)) for ratio in _SPECTRUM)
+        free = scaled(self, 1.0, preload=0.0)
+        spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)
         return Departures(alike=spectrum, gap=(self.axis, half_deg), jolt=(self.axis, half_deg, 0.0))

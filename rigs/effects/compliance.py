@@ -34,7 +34,7 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
 
 
 class Compliance(Effect):
-    """Twist of a joint under gravity: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
+    """What a joint yields under load: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
 
     effect: Literal["compliance"] = "compliance"
     axis: Axis
@@ -60,7 +60,7 @@ class Compliance(Effect):
         return at_each_axis(cls, scope, payload_kg=_HANGS_KG)
 
     def plain(self, joint: str) -> str:
-        return f"twist of {joint} under gravity"
+        return f"deflection under load of {joint}"
 
     def remedy(self) -> str:
         return f"axis {self.axis} yields under load: enter the payload as it is, or let the controller compensate"

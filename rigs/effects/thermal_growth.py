@@ -53,4 +53,4 @@ class ThermalGrowth(Effect):
         """Not all of the arm warms up alike: a part of it may be faster or slower."""
         taus_s = [ratio * self.time_constant_s for ratio in _SPECTRUM]
         others = [self.model_copy(update={"time_constant_s": tau_s}) for tau_s in taus_s]
-        return Departures(alike=tuple(((_SHARE, other), (-_SHARE, self)) for other in others))
+        return Departures(alike=tuple(((_SHARE, part), (-_SHARE, self)) for part in others))

@@ -127,7 +127,7 @@ class Touch(Part):
     def _of_these_sockets(self) -> Touch:
         if len(set(self.sockets)) < len(self.sockets):
             raise ValueError("a socket is named twice; give each a name of its own")
-        if unknown := [name for one in self.distances for name in one.between if name not in self.sockets]:
+        if unknown := [name for distance in self.distances for name in distance.between if name not in self.sockets]:
             raise ValueError(f"distances name {unknown[0]!r}, which is none of the sockets; add it or correct the name")
         return self
 

@@ -1,8 +1,14 @@
-"""Where the robot's position comes from. `interface` is the name of a file in `daq/feedback/`."""
+"""Where the robot's position comes from. `interface` is the name of a file in `daq/feedback/`.
+
+The axes that an OPC UA server shows by the Robotics companion specification (OPC 40010-1).
+
+The joint angles that a ROS 2 system publishes.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -11,10 +17,104 @@ from rigs.plugins import extended
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
-from rigs.schema.opc_ua import OPCUARobotics
-from rigs.schema.origin import Origin
-from rigs.schema.part import Part
-from rigs.schema.ros2 import ROS2JointStates
+from rigs.schema.part import Origin, Part
+
+AxisName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$")]
+_NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
+
+
+class OPCUARobotics(Part):
+    """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, from which is only read."""
+
+    listens: ClassVar[bool] = False
+    origin: ClassVar[Origin] = Origin(
+        instruments="robots of any maker with an OPC UA server of the Robotics companion specification",
+        source="OPC 40010-1 1.02 (reference.opcfoundation.org/Robotics) with its nodeset (OPCFoundation/UA-Nodeset, "
+        "Robotics); OPC 10000-4 and -6 for services and the wire, through asyncua's types",
+        standing="confirmed",
+        doubts="no controller has been read yet, only servers of the node-opcua and asyncua libraries; what instant "
+        "a controller stamps; that a motor belongs to the axis that its power train moves",
+    )
+
+    interface: Literal["opc_ua_robotics"]
+    port: Port
+    path: str = Field(default="", pattern=r"^(/[^\s\x00-\x1f]{0,200})?$")
+    """The path of the server's endpoint, as `/UA/Robot` of `opc.tcp://robot:4840/UA/Robot`."""
+    device: str | None = Field(default=None, min_length=1, max_length=200)
+    """The browse name of the robot below MotionDevices, where the server has several."""
+    axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
+    """Browse names of q1 … q6 below Axes; or node ids of the variables of their positions, as `ns=2;s=A1.Pos`. Without
+    them the robot must have six axes whose names end in numbers."""
+    units: Literal["deg", "rad"] | None = None
+    """The unit of the angles, where the server does not state it (EngineeringUnits)."""
+    rate_hz: float = Field(default=100, ge=1, le=500)
+    """How often the server is asked to sample; it may do so less often."""
+    condition: bool = True
+    """Whether the condition of the robot is read as well: task, stops, drives, speed, load, temperatures of motors."""
+    timeout_s: float = Field(default=2.0, ge=0.1, le=60)
+    """Without a message for so long it counts as silent."""
+
+    @field_validator("port")
+    @classmethod
+    def _network(cls, port: str) -> str:
+        if tcp_address(port) is None:
+            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:4840' for opc.tcp://host:4840")
+        return port
+
+    @field_validator("axes")
+    @classmethod
+    def _six(cls, axes: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if axes and len(set(axes)) < len(axes):
+            raise ValueError("an axis occurs twice; name q1 … q6, each once")
+        if axes and len({are_nodes([axis]) for axis in axes}) > 1:
+            raise ValueError("name all six axes, or give six node ids, not some of each")
+        return axes
+
+
+def are_nodes(axes: Sequence[str]) -> bool:
+    """Return whether all of these are node ids (`ns=2;s=A1.Pos`) and not browse names."""
+    return all(_NODE.fullmatch(axis) for axis in axes)
+
+
+JointName = Annotated[str, Field(pattern=r"^[\w./-]{1,100}$")]
+
+
+class ROS2JointStates(Part):
+    """ROS 2: a topic of `sensor_msgs/msg/JointState`, by a rosbridge server, to which only a subscription is sent."""
+
+    listens: ClassVar[bool] = False
+    origin: ClassVar[Origin] = Origin(
+        instruments="any robot with a ROS 2 driver that publishes joint_states, by a rosbridge server "
+        "(ros2 launch rosbridge_server rosbridge_websocket_launch.xml)",
+        source="RobotWebTools/rosbridge_suite, ROSBRIDGE_PROTOCOL.md 3.2 and 3.3, message_conversion.py; "
+        "ros2/common_interfaces, sensor_msgs/msg/JointState.msg; RFC 6455 through wsproto",
+        standing="confirmed",
+        doubts="no server of ROS has been read yet, only one made of the websockets library; what instant a driver "
+        "stamps: JointState.msg says that of the measurement, and many drivers stamp when they publish",
+    )
+
+    interface: Literal["ros2_joint_states"]
+    port: Port
+    topic: str = Field(default="/joint_states", pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
+    joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
+    """The names of q1 … q6 in the messages, in whose order they need not be; other joints are left out."""
+    timeout_s: float = Field(default=2.0, ge=0.01, le=60)
+    """Without a message for so long it counts as silent."""
+
+    @field_validator("port")
+    @classmethod
+    def _network(cls, port: str) -> str:
+        if tcp_address(port) is None:
+            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:9090'")
+        return port
+
+    @field_validator("joints")
+    @classmethod
+    def _six(cls, joints: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(joints)) < len(joints):
+            raise ValueError("a joint occurs twice; name q1 … q6, each once")
+        return joints
+
 
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
@@ -154,9 +254,9 @@ class KUKARSI(_Feedback):
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        known = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
-        if unknown := [name for name in condition if name not in known]:
-            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(known)}")
+        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        if unknown := [name for name in condition if name not in parts]:
+            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(parts)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
             raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
         return condition

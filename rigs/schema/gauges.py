@@ -83,9 +83,9 @@ class Gauges(Part):
 
     @model_validator(mode="after")
     def _sharing(self) -> Gauges:
-        for (first, one), (second, other) in combinations(self.recorded.items(), 2):
-            if one.port == other.port:
-                _check_sharing(first, one, second, other)
+        for (first_name, first), (second_name, second) in combinations(self.recorded.items(), 2):
+            if first.port == second.port:
+                _check_sharing(first_name, first, second_name, second)
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
@@ -110,16 +110,16 @@ NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which n
 """The gauges of a cell that a tracker measures alone: none."""
 
 
-def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:
+def _check_sharing(first_name: str, first: Gauge, second_name: str, second: Gauge) -> None:
     """Raise ValueError where two gauges on one port cannot share it."""
-    if one.interface == other.interface and not (one.shares or one.bus):
-        raise ValueError(f"{one.interface} carries one gauge a port, not two; give {second} its own port")
-    own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
-    common = {"interface", "line", "framing"} if one.bus else type(one).model_fields.keys() - own
+    if first.interface == second.interface and not (first.shares or first.bus):
+        raise ValueError(f"{first.interface} carries one gauge a port, not two; give {second_name} its own port")
+    its_own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
+    common = {"interface", "line", "framing"} if first.bus else type(first).model_fields.keys() - its_own
     for key in sorted(common):
-        settings = [getattr(gauge, key, "none") for gauge in (one, other)]
+        settings = [getattr(gauge, key, "none") for gauge in (first, second)]
         if settings[0] != settings[1]:
-            what = f"{first} and {second} share {one.port} but not `{key}`, which is {settings[0]} and {settings[1]}"
-            raise ValueError(f"{what}; make them equal")
-    if one.place == other.place:
-        raise ValueError(f"{first} and {second} share {one.port} and {one.place}; give each its own")
+            problem = f"{first_name} and {second_name} share {first.port} but not `{key}`"
+            raise ValueError(f"{problem}, which is {settings[0]} and {settings[1]}; make them equal")
+    if first.place == second.place:
+        raise ValueError(f"{first_name} and {second_name} share {first.port} and {first.place}; give each its own")

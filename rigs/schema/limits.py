@@ -60,9 +60,9 @@ class Limit(Part):
         return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
 
 
-def _single(given: Any) -> Any:
+def _single(value: Any) -> Any:
     """Return a mapping for a single number, which is the limit beyond which a figure fails."""
-    return {"fail": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+    return {"fail": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 Bound = Annotated[Limit | None, BeforeValidator(_single)]
@@ -170,9 +170,9 @@ class Limits(Part):
 
     def of(self, test: str, figure: str) -> Limit | None:
         """Return the limit of a figure of a test, None where there is none."""
-        given = getattr(getattr(self, test), figure, None)
-        if isinstance(given, Limit):
-            return given
+        declared = getattr(getattr(self, test), figure, None)
+        if isinstance(declared, Limit):
+            return declared
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
     def judge(self, test: str) -> bool:
@@ -181,8 +181,8 @@ class Limits(Part):
 
     def from_data_sheet(self, test: str, figure: str) -> bool:
         """Return whether the limit of a figure is the data sheet's."""
-        own = getattr(getattr(self, test), figure, None)
-        return figure == "rp_mm" and own is None and self.data_sheet_rp_mm is not None
+        declared = getattr(getattr(self, test), figure, None)
+        return figure == "rp_mm" and declared is None and self.data_sheet_rp_mm is not None
 
 
 def offered_tolerance_mm(rp_mm: float | None) -> float:

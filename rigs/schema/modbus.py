@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from rigs.schema.links import Line, tcp_address
-from rigs.schema.origin import Origin
-from rigs.schema.part import Part
+from rigs.schema.part import Origin, Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5

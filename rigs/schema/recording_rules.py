@@ -43,13 +43,13 @@ class When(Part):
             raise ValueError(f"to_deg is less than {_LEAST_MOVE_DEG:g}° from from_deg; give a posture further on")
         return self
 
-    def overlaps(self, other: When) -> bool:
+    def overlaps(self, when: When) -> bool:
         """Whether one and the same event would be both."""
-        if self.from_deg and self.to_deg and other.from_deg and other.to_deg:
-            reach = (math.dist(self.from_deg, self.to_deg) + math.dist(other.from_deg, other.to_deg)) / 2
-            same_start = _apart(self.from_deg, other.from_deg) <= 2 * NEAR_DEG
-            return same_start and math.dist(self.to_deg, other.to_deg) < reach
-        return self.signal is not None and self.signal == other.signal
+        if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
+            reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
+            same_start = _apart(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
+            return same_start and math.dist(self.to_deg, when.to_deg) < reach
+        return self.signal is not None and self.signal == when.signal
 
 
 class Rule(Part):
@@ -88,9 +88,9 @@ class Automatic(Part):
     @model_validator(mode="after")
     def _distinct(self) -> Automatic:
         numbered = combinations(enumerate(self.rules, 1), 2)
-        same = [f"{i} and {j}" for (i, one), (j, other) in numbered if one.when.overlaps(other.when)]
-        if same:
-            raise ValueError(f"rules {', '.join(same)} wait for the same event; give each a signal of its own")
+        pairs = [f"{i} and {j}" for (i, rule), (j, second_rule) in numbered if rule.when.overlaps(second_rule.when)]
+        if pairs:
+            raise ValueError(f"rules {', '.join(pairs)} wait for the same event; give each a signal of its own")
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
@@ -120,6 +120,6 @@ class Retention(Part):
         return self
 
 
-def _apart(one: Sequence[float], other: Sequence[float]) -> float:
+def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
     """The largest difference of any joint, in degrees."""
-    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+    return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

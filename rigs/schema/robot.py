@@ -101,8 +101,8 @@ class Robot(Part):
     def axis_words(self, axis: int) -> str:
         """What an axis, counted from 1, is called wherever a person reads of it: `axis 4 (gamma)`; `axis 4` alone where
         its name says no more than the number, as `J4` does."""
-        own = self.own_name(axis)
-        return f"axis {axis} ({own})" if own else f"axis {axis}"
+        name = self.own_name(axis)
+        return f"axis {axis} ({name})" if name else f"axis {axis}"
 
     def own_name(self, axis: int) -> str:
         """The name of an axis, counted from 1; empty where it says no more than the number."""
@@ -125,13 +125,13 @@ class Robot(Part):
         count = len(info.data.get("axes", rows))
         if {len(rows), *map(len, rows)} != {count}:
             raise ValueError(f"coupling is not {count} rows of {count} numbers, one for each axis; correct its rows")
-        left = [list(row) for row in rows]
+        remaining = [list(row) for row in rows]
         for column in range(count):  # elimination, largest pivot first
-            left[column:] = sorted(left[column:], key=lambda row: -abs(row[column]))
-            pivot, *below = left[column:]
+            remaining[column:] = sorted(remaining[column:], key=lambda row: -abs(row[column]))
+            pivot, *below = remaining[column:]
             if abs(pivot[column]) < 1e-6:
                 raise ValueError("coupling cannot be inverted: some joint motion moves no axis; correct its rows")
-            left[column + 1 :] = [
+            remaining[column + 1 :] = [
                 [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
             ]
         return rows

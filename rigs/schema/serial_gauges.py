@@ -10,9 +10,8 @@ from typing import ClassVar, Literal
 from pydantic import Field, model_validator
 
 from rigs.schema.links import Line, ModemLines
-from rigs.schema.origin import Origin
-from rigs.schema.probe import Probe
-from rigs.schema.timing import Timing
+from rigs.schema.part import Origin
+from rigs.schema.probe import Probe, Timing
 
 
 class SylvacOptoRS(Probe):

@@ -6,6 +6,7 @@ import pytest
 
 from dev.trials.storm.mutants import MUTANTS
 from dev.trials.storm.storm import weather
+from tests.support.nightly import cases
 
 FOUND_IN = {
     "synced before it is": 5,
@@ -17,19 +18,23 @@ FOUND_IN = {
 """The first world from seed 0 on, of seconds, in which a storm finds each of the planted bugs."""
 
 
-@pytest.mark.parametrize("seed", sorted(set(FOUND_IN.values())))
-def test_the_daemon_comes_through_the_storm(seed: int) -> None:
+@pytest.mark.parametrize("seed", cases((0, 2, 5), (0, 2)))
+def test_the_daemon_comes_through_the_storm_the_same_each_time(seed: int) -> None:
     told = weather(seed)
     assert told.violations == [], f"scripts/dev storm --seed {seed}"
     assert told.rows and told.blows
+    if seed == 2:
+        again = weather(seed)
+        assert (told.rows, told.blows, told.faults, told.seconds) == (
+            again.rows,
+            again.blows,
+            again.faults,
+            again.seconds,
+        )
 
 
-@pytest.mark.parametrize("name", MUTANTS)
+# A bug that is planted tests the storm: one of the daemon's and one of its clock in each commit.
+@pytest.mark.parametrize("name", cases(MUTANTS, ("first batch after an outage lost", "stamped after reading")))
 def test_a_planted_bug_is_found(name: str) -> None:
     with MUTANTS[name]():
         assert weather(FOUND_IN[name]).violations, name
-
-
-def test_a_world_is_the_same_each_time() -> None:
-    one, again = weather(2), weather(2)
-    assert (one.rows, one.blows, one.faults, one.seconds) == (again.rows, again.blows, again.faults, again.seconds)

@@ -28,6 +28,7 @@ from rigs.calibration import (
     effects_of,
     packed_factor,
 )
+from rigs.edit import extended
 from rigs.effects import (
     VOCABULARY,
     Backlash,
@@ -39,7 +40,6 @@ from rigs.effects import (
     TransmissionError,
 )
 from rigs.errors import FileError
-from rigs.extend import extended
 from rigs.load import SHIPPED, calibrated_beside, load, parse
 from rigs.schema.effect import healthy, phases, scaled, size_of
 from tests.support.diagnosis_cells import RIG, table_of

@@ -4,8 +4,8 @@ import datetime as dt
 
 import pytest
 
+from rigs.edit import extended
 from rigs.effects import Backlash, Found, LinkGeometry
-from rigs.extend import extended
 from rigs.load import SHIPPED, parse
 
 NEW = (

@@ -14,7 +14,7 @@ import daq.feedback
 import daq.gauges
 from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, Interface, known, models
-from rigs.schema.origin import Origin
+from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 

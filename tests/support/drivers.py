@@ -8,11 +8,19 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
+from rigs.schema.feedback import (
+    ABBEGM,
+    KUKARSI,
+    URRTDE,
+    FANUCStreamMotion,
+    Feedback,
+    LineFeed,
+    ModbusJoints,
+    OPCUARobotics,
+    ROS2JointStates,
+)
 from rigs.schema.gauges import Gauge
 from rigs.schema.modbus import ModbusMap
-from rigs.schema.opc_ua import OPCUARobotics
-from rigs.schema.ros2 import ROS2JointStates
 from rigs.schema.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
 
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)

@@ -26,8 +26,8 @@ from analysis.reporting import plan_report
 from analysis.reporting.diagnosis_words import plain, size
 from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable
+from rigs.edit import extended
 from rigs.effects import VOCABULARY, Effect, Found, bounds, size_field
-from rigs.extend import extended
 from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, name_of, scaled

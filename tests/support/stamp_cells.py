@@ -16,7 +16,7 @@ from analysis.traces.clocks import Instants, gauge_instants, robot_instants
 from daq.emulators.timed import Unsteady
 from rigs.schema.feedback import URRTDE
 from rigs.schema.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 from tests.support.stamped import Array, Stamped, gauge_run, network, robot_run, serial
 
 LATENCIES_MS = (16.0, 1.0, 0.0)

@@ -43,11 +43,11 @@ def parse(texts: Texts) -> Parsed:
     for file in range(len(blank)):
         _declare(reader, file, stated)
     for text in blank:
-        reader.frames |= {f"tool {one.lower()}" for one in _LAST.findall(text)}
-        reader.frames |= {f"frame {one.lower()}" for one in _WOBJ.findall(text)}
+        reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
+        reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
     for file, text in enumerate(blank):
-        for found in _PARAMETERS.finditer(text):
-            for word in _WORD.finditer(text, found.start(1), found.end(1)):
+        for parameters in _PARAMETERS.finditer(text):
+            for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
                 why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is what a routine is given")
                 reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
     for file in range(len(blank)):
@@ -86,8 +86,12 @@ def _other_tasks(reader: Reader) -> None:
             name = todo.pop()
             body = () if name in seen else reader.routines.get(name, ())
             seen.add(name)
-            todo += [one.name for one in body if isinstance(one, Call)]
-            sets = tuple(one for one in body if isinstance(one, Set) and one.part.startswith(("tool ", "frame ")))
+            todo += [statement.name for statement in body if isinstance(statement, Call)]
+            sets = tuple(
+                statement
+                for statement in body
+                if isinstance(statement, Set) and statement.part.startswith(("tool ", "frame "))
+            )
             if sets:
                 key = f"\0{file} {name}"
                 reader.routines[key] = sets
@@ -97,42 +101,42 @@ def _other_tasks(reader: Reader) -> None:
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
     """Take the points, tools and work objects that a module declares; those of the program itself come first."""
     text, declares = reader.texts[file], set()
-    for found in _DATA.finditer(text):
-        kind, name = found["kind"].lower(), found["name"].lower()
+    for declared in _DATA.finditer(text):
+        kind, name = declared["kind"].lower(), declared["name"].lower()
         declares.add(name)
-        local = bool(found["local"]) and found["local"].strip().upper() == "LOCAL"
-        own = file < reader.points.files
-        if kind in ("robtarget", "jointtarget") and own and found["value"] and not found["array"]:
-            begin = found.start("value")
-            target, reason = reader.literal(file, kind, begin, found.end("value"), found["name"])
+        local = bool(declared["local"]) and declared["local"].strip().upper() == "LOCAL"
+        of_program = file < reader.points.files
+        if kind in ("robtarget", "jointtarget") and of_program and declared["value"] and not declared["array"]:
+            begin = declared.start("value")
+            target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
             if target:
-                reader.spent.add((file, found.start("name")))
+                reader.spent.add((file, declared.start("name")))
                 reader.points.declare(name, target, reason)
                 if not local:
                     reader.shared.add(name)
-        elif kind in ("tooldata", "wobjdata") and (own or not local):
-            _declare_frame(reader, file, kind, found, stated, own=own)
+        elif kind in ("tooldata", "wobjdata") and (of_program or not local):
+            _declare_frame(reader, file, kind, declared, stated, of_program=of_program)
     reader.declares.append(declares)
 
 
 def _declare_frame(
-    reader: Reader, file: int, kind: str, found: re.Match[str], stated: dict[str, Value], *, own: bool
+    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, of_program: bool
 ) -> None:
     """Take a tool or work object; one without numbers is that of its name, which a person can state."""
     what: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
-    name, line = found["name"].lower(), reader.lines[file].at(found.start("name"))
+    name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
     part = f"{what} {name}"
     reader.frames.add(part)
     if part in stated:
-        if own or reader.of.get(part) != 0:
-            reader.shadowed[part] = Unknown(file, line, f"{found['name']} is declared twice")
+        if of_program or reader.of.get(part) != 0:
+            reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
         return
-    reader.of[part] = 0 if own else file
-    frames = literal_frames(kind, found["value"] or "")
+    reader.of[part] = 0 if of_program else file
+    frames = literal_frames(kind, declared["value"] or "")
     if frames is not None:
         stated[part] = as_value(frames)
-        reader.points.state(Named(found["name"], what, file, line, as_value(frames)))
-    elif found["value"] is None:
+        reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+    elif declared["value"] is None:
         stated[part] = name
     else:
-        stated[part] = Unknown(file, line, f"{found['name']} is not one that is written in numbers, on the robot")
+        stated[part] = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")

@@ -37,7 +37,7 @@ from analysis.kinematics.arm import Array
 _NUMBER = re.compile(NUMBER)
 _WORD = re.compile(r"[A-Za-z]\w*")
 _CALL = re.compile(r"(?<![\w\\])([A-Za-z]\w*)\s*\(")
-_WOBJ = re.compile(r"\\\s*WObj\s*:=\s*([\w.]+)", re.IGNORECASE)
+_WOBJ = re.compile(r"\\\s*WObj\s*(?P<given>:=|\?)\s*(?P<name>[^\\,;]+)", re.IGNORECASE)
 _TRACKED = re.compile(r"\\\s*(?:Corr|Track)\b", re.IGNORECASE)
 _ASSIGNED = re.compile(
     r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
@@ -130,11 +130,11 @@ def literal_frames(kind: str, text: str) -> Array | None:
     }[kind]
     if re.sub(r"\s", "", _NUMBER.sub("0", text)).replace("0,0", "00").replace("0,0", "00").upper() != shape:
         return None
-    values = [float(found[0]) for found in _NUMBER.finditer(text)]
+    values = [float(number[0]) for number in _NUMBER.finditer(text)]
     sets = [values[k : k + 7] for k in range(0, 7 * shape.count("[[000],[0000]]"), 7)]
-    if not all(is_frame("quaternion", one) for one in sets):
+    if not all(is_frame("quaternion", components) for components in sets):
         return None
-    frames = [frame_of("quaternion", one) for one in sets]
+    frames = [frame_of("quaternion", components) for components in sets]
     return frames[0] if kind == "tooldata" else frames[0] @ frames[1]
 
 
@@ -172,10 +172,10 @@ class Reader:
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):
-                for found in re.finditer(r"\b(LOCAL\s+)?(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(", text, re.IGNORECASE):
-                    key = found[2].lower()
+                for routine in re.finditer(r"\b(LOCAL\s+)?(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(", text, re.IGNORECASE):
+                    key = routine[2].lower()
                     self._defined.setdefault(f"{file}:{key}", []).append(f"{file}:{key}")
-                    if not found[1]:
+                    if not routine[1]:
                         self._defined.setdefault(key, []).append(f"{file}:{key}")
         key = name.lower()
         routines = self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
@@ -193,15 +193,15 @@ class Reader:
         numbers: list[Number] = []
         for group, count in zip(groups, _SHAPE[kind], strict=True):
             places = arguments(text, group.start(1), group.end(1))
-            found = [(_NUMBER.fullmatch(text, *place), place) for place in places]
-            if len(found) != count or not all(match for match, _ in found):
+            matches = [(_NUMBER.fullmatch(text, *place), place) for place in places]
+            if len(matches) != count or not all(match for match, _ in matches):
                 return None, None
-            numbers += [Number(*place, float(match[0])) for match, place in found if match]
+            numbers += [Number(*place, float(match[0])) for match, place in matches if match]
         line = self.lines[file].at(begin + len(text[begin:end]) - len(text[begin:end].lstrip()))
-        reason: Reason | None = "external_axes" if any(one.value < _NO_AXIS for one in numbers[-6:]) else None
+        reason: Reason | None = "external_axes" if any(number.value < _NO_AXIS for number in numbers[-6:]) else None
         if kind == "jointtarget":
             return Target(name, file, line, "joints_deg", tuple(numbers[:6])), reason
-        flags = Flags("abb", tuple(int(max(-99, min(99, one.value))) for one in numbers[7:11]))
+        flags = Flags("abb", tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11]))
         return Target(name, file, line, "quaternion", tuple(numbers[:7]), flags=flags), reason
 
 
@@ -240,8 +240,8 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
             close = text.find(")", end) if opening else -1
             end = close + 1 if close >= 0 else end
         elif head["word"] and (until := _UNTIL.get(head["word"].upper())):
-            found = until.search(text, end)
-            stop = len(text) if found is None else found.start() if head["word"].upper() == "TEST" else found.end()
+            ended = until.search(text, end)
+            stop = len(text) if ended is None else ended.start() if head["word"].upper() == "TEST" else ended.end()
             end = max(end, stop)
         yield at, end, head
         at = end
@@ -316,15 +316,15 @@ def _handler(reader: Reader, begin: int, word: str) -> None:
 def _after_condition(text: str, begin: int, end: int) -> int:
     """Return where the statement of IF condition statement; begins: at the word that follows a value."""
     value, depth = False, 0
-    for found in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
-        part = found[0]
+    for token in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
+        part = token[0]
         if part in "([{":
             depth, value = depth + 1, False
         elif part in ")]}":
             depth, value = depth - 1, True
         elif part[0].isalpha():
             if value and depth == 0 and part.upper() not in _OPERATORS:
-                return found.start()
+                return token.start()
             value = part.upper() not in _OPERATORS
         else:
             value = part[0].isdigit() or part == '"'
@@ -334,13 +334,13 @@ def _after_condition(text: str, begin: int, end: int) -> int:
 def _functions(reader: Reader, begin: int, end: int) -> None:
     """Take the calls of functions with a value."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    for found in _CALL.finditer(reader.texts[reader.file], begin, end):
-        statement = reader.called(found.start(), found[1])
-        if isinstance(statement, Call) or found[1].lower() not in _FUNCTIONS:
+    for call in _CALL.finditer(reader.texts[reader.file], begin, end):
+        statement = reader.called(call.start(), call[1])
+        if isinstance(statement, Call) or call[1].lower() not in _FUNCTIONS:
             reader.blocks.add(statement)
-            _handed(reader, found.end(), end)
-        elif found[1].lower() in _WRITES:
-            _handed(reader, found.end(), end)
+            _handed(reader, call.end(), end)
+        elif call[1].lower() in _WRITES:
+            _handed(reader, call.end(), end)
 
 
 def _handed(reader: Reader, begin: int, end: int) -> None:
@@ -348,9 +348,9 @@ def _handed(reader: Reader, begin: int, end: int) -> None:
     move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
-    for found in _HANDED.finditer(text, begin, end):
-        if any(reader.literal(reader.file, kind, found.start(), found.end(), "")[0] for kind in _SHAPE):
-            _list(reader, found.start(), "handed", found[0])
+    for handed in _HANDED.finditer(text, begin, end):
+        if any(reader.literal(reader.file, kind, handed.start(), handed.end(), "")[0] for kind in _SHAPE):
+            _list(reader, handed.start(), "handed", handed[0])
     for word in _WORD.finditer(text, begin, end):
         for kind in ("tool", "frame"):
             if f"{kind} {word[0].lower()}" in reader.frames:
@@ -370,31 +370,33 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         _functions(reader, assigned.start("right"), end)
         _assigned(reader, begin, assigned)
         return
-    found = _INSTRUCTION.fullmatch(text, begin, end)
-    if found is None:
+    instruction = _INSTRUCTION.fullmatch(text, begin, end)
+    if instruction is None:
         blocks.add(Forget(reader.why(begin, f"{text[begin:end]} is not known here")))
         return
-    name, at = found["name"].lower(), found.start("name")
-    _functions(reader, found.start("rest"), end)
-    statement = reader.called(at, found["name"])
+    name, at = instruction["name"].lower(), instruction.start("name")
+    _functions(reader, instruction.start("rest"), end)
+    statement = reader.called(at, instruction["name"])
     if isinstance(statement, Call):
         blocks.add(statement)
-        _handed(reader, found.start("rest"), end)
-    elif move := _MOVE.fullmatch(found["name"]):
-        _move(reader, at, found, move)
-    elif switch := _switch(name, found["rest"]):
+        _handed(reader, instruction.start("rest"), end)
+    elif move := _MOVE.fullmatch(instruction["name"]):
+        _move(reader, at, instruction, move)
+    elif switch := _switch(name, instruction["rest"]):
         blocks.add(switch)
     elif name == "goto":
-        blocks.add(Jump((found["rest"].strip().lower(),)))
+        blocks.add(Jump((instruction["rest"].strip().lower(),)))
     elif name in ("return", "exit", "exitcycle"):
         blocks.add(End(halts=name != "return"))
     elif name in ("setdataval", "setalldataval"):
         reader.by_name = reader.why(at, "data are written by a name in a text")
         blocks.add(Forget(reader.by_name))
     elif name in _NOTHING:
-        _handed(reader, found.start("rest"), end)  # Incr, Add, UnpackRawBytes and others write what they are given
+        _handed(
+            reader, instruction.start("rest"), end
+        )  # Incr, Add, UnpackRawBytes and others write what they are given
     else:
-        blocks.add(Forget(reader.why(at, f"{found['name']} is not known here")))
+        blocks.add(Forget(reader.why(at, f"{instruction['name']} is not known here")))
 
 
 def _switch(name: str, rest: str) -> Set | None:
@@ -408,16 +410,16 @@ def _switch(name: str, rest: str) -> Set | None:
     return Set(*_SWITCHES[name]) if name in _SWITCHES else None
 
 
-def _assigned(reader: Reader, begin: int, found: re.Match[str]) -> None:
+def _assigned(reader: Reader, begin: int, assignment: re.Match[str]) -> None:
     """Take an assignment to a tool or a work object; points are watched where they stand."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    name, right = found["name"].lower(), found["right"].strip()
+    name, right = assignment["name"].lower(), assignment["right"].strip()
     for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
         part = f"{kind} {name}"
         if part not in reader.frames:
             continue
-        value: Value | Ref = reader.why(begin, f"{found['name']} is assigned there")
-        if not found["part"]:
+        value: Value | Ref = reader.why(begin, f"{assignment['name']} is assigned there")
+        if not assignment["part"]:
             frames = literal_frames(data, right)
             if frames is not None:
                 value = as_value(frames)
@@ -426,38 +428,48 @@ def _assigned(reader: Reader, begin: int, found: re.Match[str]) -> None:
         reader.blocks.add(Set(part, value))
 
 
-def _move(reader: Reader, at: int, found: re.Match[str], move: re.Match[str]) -> None:
+def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[str]) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
-    places = arguments(text, found.start("rest"), found.end("rest"))
+    places = arguments(text, instruction.start("rest"), instruction.end("rest"))
     places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
     count = 2 if kind == "C" else 1
     if len(places) < count + 3:
-        _leave(reader, at, "computed", found[0])
+        _leave(reader, at, "computed", instruction[0])
         return
-    tool = text[slice(*places[count + 2 if _TOOL_THIRD.fullmatch(found["name"]) else -1])].partition("\\")[0].strip()
-    wobj = _WOBJ.search(text, found.start("rest"), found.end("rest"))
-    frame = wobj[1] if wobj else "wobj0"
+    tool = (
+        text[slice(*places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1])].partition("\\")[0].strip()
+    )
+    wobj = _WOBJ.search(text, instruction.start("rest"), instruction.end("rest"))
+    frame = wobj["name"].strip() if wobj else "wobj0"
     way = "joint" if kind in ("J", "ABSJ") else "line"
-    tracked = _TRACKED.search(text, found.start("rest"), found.end("rest"))
+    tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
         needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
-        tool_now, frame_now = (
-            reader.shadowed.get(part) or Ref(part) for part in (f"tool {tool.lower()}", f"frame {frame.lower()}")
-        )
+        tool_now, frame_now = (_data(reader, at, kind, name) for kind, name in (("tool", tool), ("frame", frame)))
+        if wobj and wobj["given"] == "?":
+            frame_now = reader.why(at, f"{frame} is what a routine may be given")
         state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
-        _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", found["name"])
-    if found["name"].lower().endswith("sync"):
-        reader.blocks.add(Forget(reader.why(at, f"{found['name']} runs a procedure that a text names")))
+        _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
+    if instruction["name"].lower().endswith("sync"):
+        reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure that a text names")))
+
+
+def _data(reader: Reader, at: int, kind: str, name: str) -> Unknown | Ref:
+    """Return the tool or work object of a move; parts of records and elements of arrays are not followed."""
+    if not _WORD.fullmatch(name):
+        return reader.why(at, f"{name} is a part of other data")
+    part = f"{kind} {name.lower()}"
+    return reader.shadowed.get(part) or Ref(part)
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
     """Take a target of a move: a point, numbers, or a point with an offset."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    text, own = reader.texts[reader.file], reader.file < reader.points.files
+    text, of_program = reader.texts[reader.file], reader.file < reader.points.files
     name = text[begin:end].partition("\\")[0].strip() if not _OFFSET.match(text, begin, end) else text[begin:end]
     key = name.lower()
     offset: tuple[str, Value] | None = None
@@ -472,23 +484,23 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
             value = as_value(T)
         offset = ("frame" if wrapped[1].lower() == "offs" else "tool", value)
         begin = places[0][0]
-    if name.startswith("[") and offset is None and own:
+    if name.startswith("[") and offset is None and of_program:
         target, reason = reader.literal(reader.file, kind, begin, begin + len(name), instruction)
         key = f"[{reader.file}:{begin}"
         if target:
             reader.points.declare(key, target, reason)
-    visible = own or (key in reader.shared and key not in reader.declares[reader.file])
+    visible = of_program or (key in reader.shared and key not in reader.declares[reader.file])
     if not visible or not reader.points.knows(key):
         _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
         return
     if not key.startswith("["):
         reader.spent.add((reader.file, begin))
-    if offset and isinstance(offset[1], Unknown) and own:
+    if offset and isinstance(offset[1], Unknown) and of_program:
         reader.points.leave(Left(reader.file, move.line, " ".join(name.split())[:60], "offset", (offset[1],)))
     if reader.points.joints(key):
         move = replace(move, needs=())
-    here = f"{key}@{reader.file}:{begin}" if offset else key
-    reader.blocks.add(replace(move, key=here, base=key if offset else "", offset=offset))
+    point_key = f"{key}@{reader.file}:{begin}" if offset else key
+    reader.blocks.add(replace(move, key=point_key, base=key if offset else "", offset=offset))
 
 
 def _leave(reader: Reader, begin: int, reason: Reason, name: str) -> None:

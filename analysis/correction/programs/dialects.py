@@ -58,8 +58,8 @@ def read_program(path: Path) -> tuple[Dialect, Texts]:
             if data.exists():
                 files[data.name] = _text(data)
                 break
-    beside = _beside(path, dialect, set(files))
-    return dialect, Texts((*files, *beside), (*files.values(), *beside.values()), len(files))
+    others = _beside(path, dialect, set(files))
+    return dialect, Texts((*files, *others), (*files.values(), *others.values()), len(files))
 
 
 def _beside(path: Path, dialect: Dialect, names: set[str]) -> dict[str, str]:
@@ -67,18 +67,18 @@ def _beside(path: Path, dialect: Dialect, names: set[str]) -> dict[str, str]:
     if not dialect.beside:
         return {}
     others = [
-        one
-        for one in sorted(path.resolve().parent.iterdir())
-        if one.suffix.lower() in dialect.beside and one.name not in names and one.is_file()
+        file
+        for file in sorted(path.resolve().parent.iterdir())
+        if file.suffix.lower() in dialect.beside and file.name not in names and file.is_file()
     ]
-    if len(others) > _MOST_BESIDE or sum(one.stat().st_size for one in others) > _MOST_BYTES:
+    if len(others) > _MOST_BESIDE or sum(file.stat().st_size for file in others) > _MOST_BYTES:
         raise FileError(
             str(path.parent),
             f"has more than {_MOST_BESIDE} files, or {_MOST_BYTES // 1_000_000} MB, that the program could use",
             "put the program with the files that it uses into a directory of its own",
         )
-    data = {one.name: read_bytes(one, _MOST_BYTES) for one in others}
-    return {name: found.decode(_ENCODING) for name, found in data.items() if b"\0" not in found}
+    data = {file.name: read_bytes(file, _MOST_BYTES) for file in others}
+    return {name: content.decode(_ENCODING) for name, content in data.items() if b"\0" not in content}
 
 
 def as_bytes(text: str) -> bytes:

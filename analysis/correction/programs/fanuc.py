@@ -153,10 +153,10 @@ def parse(texts: Texts) -> Parsed:
         if 0 in files:  # the program itself comes first
             reader.programs[name] = [0]
     start = _section(blank[0], "POS", len(blank[0]))
-    for found in _POSITION.finditer(blank[0], start):
-        target, reason = _position(found, reader.lines[0])
-        reader.points.declare(found[1], target, reason)
-    reader.registers = tuple({int(found[1]) for text in blank for found in _WHOLE.finditer(text)})
+    for position in _POSITION.finditer(blank[0], start):
+        target, reason = _position(position, reader.lines[0])
+        reader.points.declare(position[1], target, reason)
+    reader.registers = tuple({int(register[1]) for text in blank for register in _WHOLE.finditer(text)})
     for file in range(len(blank)):
         _read(reader, file)
 
@@ -170,43 +170,43 @@ def parse(texts: Texts) -> Parsed:
 
 
 def _section(text: str, name: str, otherwise: int, end: int | None = None) -> int:
-    found = re.compile(rf"^/{name}\b", re.MULTILINE).search(text, 0, len(text) if end is None else end)
-    return found.start() if found else otherwise
+    section = re.compile(rf"^/{name}\b", re.MULTILINE).search(text, 0, len(text) if end is None else end)
+    return section.start() if section else otherwise
 
 
-def _position(found: re.Match[str], lines: Lines) -> tuple[Target, Reason | None]:
-    number, body, begin = found[1], found[2], found.start(2)
-    joints = [(int(one[1]), _number(one, begin)) for one in _JOINT.finditer(body)]
-    axes = [("XYZWPR".index(one[1]) + 1, _number(one, begin)) for one in _AXIS.finditer(body)]
+def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | None]:
+    number, body, begin = position[1], position[2], position.start(2)
+    joints = [(int(joint[1]), _number(joint, begin)) for joint in _JOINT.finditer(body)]
+    axes = [("XYZWPR".index(component[1]) + 1, _number(component, begin)) for component in _AXIS.finditer(body)]
     form: Form = "joints_deg" if joints else "roll_pitch_yaw"
-    given = dict(joints or axes)
-    numbers = tuple(given[axis] for axis in sorted(given))
+    by_axis = dict(joints or axes)
+    numbers = tuple(by_axis[axis] for axis in sorted(by_axis))
     frames, config = _FRAMES.search(body), _CONFIG.search(body)
     flags = None
     if config and all(config[k] for k in (1, 2, 3)):
         letters = config[1] == "F", config[2] == "U", config[3] == "T"
         flags = Flags("fanuc", (*map(int, letters), *(int(config[k][:6]) for k in (4, 5, 6))))
     frame, tool = (frames[1], frames[2]) if frames else ("F", "F")
-    target = Target(f"P[{number}]", 0, lines.at(found.start()), form, numbers, tool, frame, flags)
+    target = Target(f"P[{number}]", 0, lines.at(position.start()), form, numbers, tool, frame, flags)
     if _OTHERS.search(body):
         return target, "external_axes"
     return target, None if len(numbers) == 6 and len(joints or axes) == 6 else "incomplete"
 
 
-def _number(found: re.Match[str], begin: int) -> Number:
-    return Number(begin + found.start(2), begin + found.end(2), float(found[2]))
+def _number(component: re.Match[str], begin: int) -> Number:
+    return Number(begin + component.start(2), begin + component.end(2), float(component[2]))
 
 
 def _statements(text: str, begin: int, end: int) -> Iterator[list[tuple[int, str]]]:
     """Yield the statements between two places, each as the lines over which it goes, with where they begin."""
     statement: list[tuple[int, str]] = []
-    for found in _LINE.finditer(text, begin, end):
-        body = found["body"].strip()
+    for line in _LINE.finditer(text, begin, end):
+        body = line["body"].strip()
         ended = not statement or statement[-1][1].endswith(";")
-        if statement and (found["number"] or ended):
+        if statement and (line["number"] or ended):
             yield statement
             statement = []
-        statement.append((found.start("body"), body))
+        statement.append((line.start("body"), body))
     if statement:
         yield statement
 
@@ -296,12 +296,12 @@ def _register(text: str, why: Unknown) -> Value | Built:
     return Built(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), made)
 
 
-def _set_register(reader: _Reader, found: re.Match[str]) -> None:
+def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
     """Take an assignment to a position register, or to one of its numbers."""
-    number, axis, right = found[1].strip(), (found[2] or "").strip(), found[3].strip().strip("()")
-    why = reader.why(f"{found[0]} sets it")
+    number, axis, right = assignment[1].strip(), (assignment[2] or "").strip(), assignment[3].strip().strip("()")
+    why = reader.why(f"{assignment[0]} sets it")
     if not number.isdigit():
-        reader.blocks.add(*(Lose(f"PR{one}", why) for one in reader.registers))
+        reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))
     elif axis.isdigit():
         reader.blocks.add(Set(f"PR{int(number)}[{axis}]", right if re.fullmatch(NUMBER, right) else why))
     else:
@@ -310,8 +310,8 @@ def _set_register(reader: _Reader, found: re.Match[str]) -> None:
 
 def _labels(reader: _Reader, text: str) -> tuple[str, ...]:
     """Return the labels of a jump: all of them, where the number is in a register."""
-    found = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
-    return reader.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else found
+    labels = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
+    return reader.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else labels
 
 
 def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
@@ -348,28 +348,28 @@ def _mentioned(reader: _Reader, text: str) -> None:
     """Take the points that an instruction has otherwise than as a target: any, where a register says which."""
     if reader.file:
         return
-    for found in _ANY_POINT.finditer(text):
-        keys = [found[1]] if found[1] else list(reader.points.keys())
+    for mention in _ANY_POINT.finditer(text):
+        keys = [mention[1]] if mention[1] else list(reader.points.keys())
         for key in keys:
             if reader.points.knows(key):
                 reader.points.change(key, 0, reader.line)
 
 
 def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
-    rest = move["rest"]
-    along = _ALONG.search(rest)
+    options = move["rest"]
+    along = _ALONG.search(options)
     if along:
-        rest = rest[: along.start()]
+        options = options[: along.start()]
         # What happens along the way may happen before or after the target is reached.
         reader.blocks.branch()
         _statement(reader, along["action"].strip(), last_line)
         reader.blocks.close()
-    skip = _SKIP.search(rest)
+    skip = _SKIP.search(options)
     if skip:
-        rest = rest[: skip.start()] + rest[skip.end() :]
+        options = options[: skip.start()] + options[skip.end() :]
     for place, text in ((reader.line, move["point"]), (last_line, move["second"])):
         if text:
-            _target(reader, move["kind"], text, place, rest)
+            _target(reader, move["kind"], text, place, options)
     if skip:
         reader.blocks.add(Elsewhere(), Jump(_labels(reader, skip[0]), falls=True))
     if along:

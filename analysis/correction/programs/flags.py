@@ -29,18 +29,18 @@ def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD)
     values = flags.values
     match flags.maker:
         case "fanuc" | "yaskawa":
-            good = np.array([_same_letters(arm, one, flags, slack_rad) for one in q])
+            good = np.array([_same_letters(arm, posture, flags, slack_rad) for posture in q])
         case "kuka":
             status, turn = values
             signs = (turn >> np.arange(6)) & 1
             good = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)
-            overhead = np.array([not _front(arm, one) for one in q])
-            beyond = np.array([_beyond_stretch(arm, one) for one in q])
+            overhead = np.array([not _front(arm, posture) for posture in q])
+            beyond = np.array([_beyond_stretch(arm, posture) for posture in q])
             good &= (overhead == bool(status & 1)) & (beyond == bool(status >> 1 & 1))
         case _:
             good = _quadrants(q[:, [0, 3, 5]], np.array(values[:3]), slack_rad)
             if good.sum() > 1 or values[3]:
-                good &= np.array([_cfx(arm, one) == values[3] for one in q])
+                good &= np.array([_cfx(arm, posture) == values[3] for posture in q])
     return np.asarray(good, dtype=bool)
 
 
@@ -49,11 +49,13 @@ def _same_letters(arm: Arm, q: Array, flags: Flags, slack_rad: float) -> bool:
     letters = (int(stands.flip), int(stands.up), int(stands.front))
     around = [q + shift for shift in (-slack_rad, 0.0, slack_rad)]
     if flags.maker == "fanuc":
-        counts = [{turns(float(one[axis])) for one in around} for axis in (3, 4, 5)]
-        return letters == flags.values[:3] and all(n in some for n, some in zip(flags.values[3:], counts, strict=True))
-    sides = [{int(not -np.pi < one[axis] <= np.pi) for one in around} for axis in (3, 5, 0)]
-    same = tuple(1 - letter for letter in letters) == flags.values[:3]
-    return same and all(n in some for n, some in zip(flags.values[3:], sides, strict=True))
+        counts = [{turns(float(turned_q[axis])) for turned_q in around} for axis in (3, 4, 5)]
+        return letters == flags.values[:3] and all(
+            n in counts_of_axis for n, counts_of_axis in zip(flags.values[3:], counts, strict=True)
+        )
+    sides = [{int(not -np.pi < turned_q[axis] <= np.pi) for turned_q in around} for axis in (3, 5, 0)]
+    same_letters = tuple(1 - letter for letter in letters) == flags.values[:3]
+    return same_letters and all(n in sides_of_axis for n, sides_of_axis in zip(flags.values[3:], sides, strict=True))
 
 
 def _quadrants(q: Array, quadrants: Array, slack_rad: float) -> Mask:

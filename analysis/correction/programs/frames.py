@@ -31,8 +31,8 @@ NO_FRAMES = Frames({}, {})
 def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
     """Return the frames of texts "name=x,y,z,rx,ry,rz"; a tool can be "name=rig", the tool of the rig file, and either
     "name=0". Raises UseError for anything else."""
-    known = dict(_named("--tool", text, transform(robot.tool)) for text in tools)
-    return Frames(known, dict(_named("--frame", text, None) for text in frames))
+    tool_frames = dict(_named("--tool", text, transform(robot.tool)) for text in tools)
+    return Frames(tool_frames, dict(_named("--frame", text, None) for text in frames))
 
 
 def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:

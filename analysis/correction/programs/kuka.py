@@ -50,9 +50,9 @@ def parse(texts: Texts) -> Parsed:
     """Return the targets of a .src and, if it is given as the second text, of its .dat."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
-    own = range(texts.own)
+    own_files = range(texts.own)
     stated: dict[str, Value] = {}
-    for file in reversed(own):
+    for file in reversed(own_files):
         for begin, line in lines_in(blank[file]):
             _declare(reader, file, begin, line)
     _watch_fdat(reader)
@@ -122,19 +122,19 @@ def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
             reader.fdat_written.add(name)
         reader.fdat[name] = fdat[2]
         return
-    found = _DECLARED.fullmatch(line)
-    if not found:
+    declared = _DECLARED.fullmatch(line)
+    if not declared:
         if typed := _TYPED.fullmatch(line):
             names = _WORD.finditer(line, typed.start(1))
-            reader.spent.update((file, begin + one.start()) for one in names)
+            reader.spent.update((file, begin + name.start()) for name in names)
         return
-    inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), found["list"])
-    key = found["name"].upper()
-    target, reason = reader.literal(file, begin + found.start("list"), inside, found["name"])
+    inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), declared["list"])
+    key = declared["name"].upper()
+    target, reason = reader.literal(file, begin + declared.start("list"), inside, declared["name"])
     if target:
-        reader.spent.add((file, begin + found.start("name")))
+        reader.spent.add((file, begin + declared.start("name")))
         reader.points.declare(key, target, reason)
-        if _GLOBAL.search(line[: found.start("name")]):
+        if _GLOBAL.search(line[: declared.start("name")]):
             reader.shared.add(key)
 
 

@@ -155,9 +155,9 @@ class Reader:
     def called(self, file: int, begin: int, name: str) -> Statement:
         """Return the call of a routine: the one of its file, or the only one of all files."""
         stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
-        found = self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
-        why = self.why(file, begin, f"{name} is called" if len(found) == 1 else f"{name} is not known here")
-        return Call(found[0], why) if len(found) == 1 else Forget(why)
+        routines = self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
+        why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
+        return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
     def why(self, file: int, begin: int, what: str) -> Unknown:
         """Return a reason at a place in a text."""
@@ -185,21 +185,21 @@ class Reader:
         parts: dict[str, Number] = {}
         at = begin
         for part in text.split(",", 32):
-            found = _COMPONENT.fullmatch(part)
-            if not found:
+            component = _COMPONENT.fullmatch(part)
+            if not component:
                 return None, None
-            parts[found[1].upper()] = Number(at + found.start(2), at + found.end(2), _value(found[2]))
+            parts[component[1].upper()] = Number(at + component.start(2), at + component.end(2), _value(component[2]))
             at += len(part) + 1
         joints = any(axis in parts for axis in _AXES)
         if not joints and not any(axis in parts for axis in _POSE):
             return None, None
         names = _AXES if joints else _POSE
-        if any(text[parts[one].begin - begin] == "'" for one in names if one in parts):
+        if any(text[parts[letter].begin - begin] == "'" for letter in names if letter in parts):
             return None, None  # bits are no coordinate that could be written back
         numbers = tuple(parts[axis] for axis in names if axis in parts)
         form: Form = "joints_deg" if joints else "yaw_pitch_roll"
         flags = None
-        if "S" in parts and "T" in parts and all(0 <= parts[one].value < 1 << 16 for one in "ST"):
+        if "S" in parts and "T" in parts and all(0 <= parts[letter].value < 1 << 16 for letter in "ST"):
             flags = Flags("kuka", (int(parts["S"].value), int(parts["T"].value)))
         target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags)
         if len(numbers) < 6:
@@ -213,10 +213,10 @@ class Reader:
             return None
         parts: dict[str, float] = {}
         for part in LITERAL_TYPE.sub("", inside[1:-1]).split(",", 32):
-            found = _COMPONENT.fullmatch(part)
-            if not found:
+            component = _COMPONENT.fullmatch(part)
+            if not component:
                 return None
-            parts[found[1].upper()] = _value(found[2])
+            parts[component[1].upper()] = _value(component[2])
         values = [parts.get(axis, np.nan) for axis in _POSE]
         return frame_of("yaw_pitch_roll", values) if is_frame("yaw_pitch_roll", values) else None
 
@@ -266,8 +266,8 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
     elif move := _MOVE.fullmatch(line) or _BARE.fullmatch(line):
         _functions(reader, file, begin, line)
         _move(reader, file, begin, line, move)
-    elif beside := _BESIDE.match(line):
-        _runs_beside(reader, file, begin, beside)
+    elif interrupt := _BESIDE.match(line):
+        _runs_beside(reader, file, begin, interrupt)
     elif not _flow(reader, blocks, file, begin, line, word):
         _other(reader, blocks, file, begin, line)
 
@@ -287,15 +287,15 @@ def read_submit(reader: Reader, file: int) -> None:
 def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    for found in _CALL.finditer(line):
-        statement = reader.called(file, begin, found[1])
-        if isinstance(statement, Call) or found[1].upper() not in _FUNCTIONS:
+    for call in _CALL.finditer(line):
+        statement = reader.called(file, begin, call[1])
+        if isinstance(statement, Call) or call[1].upper() not in _FUNCTIONS:
             reader.blocks.add(statement)
-            for handed in _AGGREGATE.finditer(line, found.end(), brackets(line).get(found.end() - 1, len(line))):
+            for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])
-            if _HANDED.search(line, found.end()):
-                why = reader.why(file, begin, f"{found[1]} is given a tool or base")
+            if _HANDED.search(line, call.end()):
+                why = reader.why(file, begin, f"{call[1]} is given a tool or base")
                 reader.blocks.add(Lose("TOOL_DATA", why), Lose("BASE_DATA", why), Set("tool", why), Set("base", why))
 
 
@@ -341,10 +341,10 @@ def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word
     return True
 
 
-def _runs_beside(reader: Reader, file: int, begin: int, found: re.Match[str]) -> None:
+def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]) -> None:
     """Take what an interrupt or a trigger does: it may happen at any moment."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    action = found[1]
+    action = interrupt[1]
     if _ASSIGNED.match(action):
         inner = Reader(reader.names, reader.texts, reader.lines, Points(0))
         inner.blocks = Blocks()
@@ -456,15 +456,15 @@ def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
     if text is None or name in reader.fdat_written:
         why = reader.why(file, begin, f"{right} is not known here")
         return [Set("fdat tool", why), Set("fdat base", why), Set("fdat ipo", why)]
-    found: list[Statement] = []
+    statements: list[Statement] = []
     for key, part, family in (("TOOL_NO", "fdat tool", "TOOL_DATA"), ("BASE_NO", "fdat base", "BASE_DATA")):
         number = re.search(rf"\b{key}\s+(\d+)", text, re.IGNORECASE)
         value: Value | Ref = reader.why(file, begin, f"{right} has no {key}")
         if number:
             value = Ref(f"{family}[{int(number[1])}]") if int(number[1]) else "0"
-        found.append(Set(part, value))
+        statements.append(Set(part, value))
     outside = re.search(r"\bIPO_FRAME\s+#(?!BASE\b)", text, re.IGNORECASE)
-    return [*found, Set("fdat ipo", "on" if outside else OFF)]
+    return [*statements, Set("fdat ipo", "on" if outside else OFF)]
 
 
 def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str]) -> None:
@@ -550,9 +550,13 @@ def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Val
 def _with(reader: Reader, file: int, begin: int, part: str, text: str) -> Value | Ref | Built:
     """Return the tool, base or mode that stands WITH a motion."""
     if fdat := _WITH_FDAT.fullmatch(text):
-        wanted = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}[part]
-        found = {one.part: one.value for one in _fdat(reader, file, begin, fdat[1]) if isinstance(one, Set)}
-        return found[wanted]
+        part_of_fdat = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}[part]
+        by_part = {
+            statement.part: statement.value
+            for statement in _fdat(reader, file, begin, fdat[1])
+            if isinstance(statement, Set)
+        }
+        return by_part[part_of_fdat]
     if part == "IPO_MODE":
         return OFF if text.upper() == "#BASE" else "on"
     return reader.place(file, begin, text)

@@ -144,7 +144,7 @@ class Program:
     """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
     at any moment beside it, and those that may be left at any place, after which the program goes on anywhere.
 
-    A part of the families `kept` stays what any routine, also one that nobody calls, has made it: a program may have
+    A part of the families `kept` stays what any routine, also one without a call, has made it: a program may have
     been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
     all parts as they are where it ends."""
 
@@ -222,17 +222,17 @@ class _Machine:
                 everything, moved = min(everything or call.why, call.why), True
             elif call.name not in seen:
                 seen.add(call.name)
-                for one in body:
-                    if isinstance(one, Set):
-                        if not one.part.endswith(HERE):
-                            pinned.setdefault(one.part, call.why)
-                    elif isinstance(one, Lose):
-                        pinned.setdefault(one.family, call.why)
-                    elif isinstance(one, Forget):
-                        everything, moved = min(everything or one.why, one.why), True
-                    elif isinstance(one, Call):
-                        todo.append(one)
-                    elif isinstance(one, Move | Elsewhere):
+                for statement in body:
+                    if isinstance(statement, Set):
+                        if not statement.part.endswith(HERE):
+                            pinned.setdefault(statement.part, call.why)
+                    elif isinstance(statement, Lose):
+                        pinned.setdefault(statement.family, call.why)
+                    elif isinstance(statement, Forget):
+                        everything, moved = min(everything or statement.why, statement.why), True
+                    elif isinstance(statement, Call):
+                        todo.append(statement)
+                    elif isinstance(statement, Move | Elsewhere):
                         moved = True
         return pinned, everything, moved
 
@@ -254,17 +254,17 @@ class _Machine:
             return value.make(tuple(self.value(state, part) for part in value.parts))
         return self.value(state, value.part) if isinstance(value, Ref) else value
 
-    def join(self, one: State, other: State, place: Unknown) -> State:
-        if one is other:
-            return one
+    def join(self, first: State, second: State, place: Unknown) -> State:
+        if first is second:
+            return first
         values = {
-            part: _joined(self.value(one, part), self.value(other, part), place)
-            for part in one.values.keys() | other.values.keys()
+            part: _joined(self.value(first, part), self.value(second, part), place)
+            for part in first.values.keys() | second.values.keys()
         }
-        lost = dict(one.lost)
-        for name, why in other.lost.items():
+        lost = dict(first.lost)
+        for name, why in second.lost.items():
             lost[name] = min(lost.get(name, why), why)
-        return State(values, lost, one.stands | other.stands)
+        return State(values, lost, first.stands | second.stands)
 
     def context(self, routine: str, entry: State) -> _Context:
         """Return a routine gone through from a state."""
@@ -298,14 +298,14 @@ class _Machine:
             after = self._step(body[at], context.before[at])
             if after is None:
                 continue
-            for there in flow[at]:
-                old = context.before.get(there)
-                new = after if old is None else self.join(old, after, _place_of(body, there))
+            for following in flow[at]:
+                old = context.before.get(following)
+                new = after if old is None else self.join(old, after, _place_of(body, following))
                 if old is None or new != old:
-                    context.before[there] = new
-                    if there not in waiting:
-                        waiting.add(there)
-                        heapq.heappush(todo, there)
+                    context.before[following] = new
+                    if following not in waiting:
+                        waiting.add(following)
+                        heapq.heappush(todo, following)
         context.after = context.before.get(len(body))
 
     def _step(self, statement: Statement, state: State) -> State | None:
@@ -338,20 +338,25 @@ class _Machine:
         context = self.context(name, state)
         if context.after is None:
             return None
-        here = {*context.after.stands}
-        if context.number in here:
-            here = (here - {context.number}) | state.stands
-        return replace(context.after, stands=frozenset(here))
+        stands = {*context.after.stands}
+        if context.number in stands:
+            stands = (stands - {context.number}) | state.stands
+        return replace(context.after, stands=frozenset(stands))
 
     def run(self) -> list[Usage]:
         """Return the moves of the program with what holds there."""
-        called = {one.name for body in self.program.routines.values() for one in body if isinstance(one, Call)}
-        beside = {call.name for call in self.program.beside}
-        begins = [name for name in self.program.routines if name not in called and name not in beside]
+        called = {
+            statement.name
+            for body in self.program.routines.values()
+            for statement in body
+            if isinstance(statement, Call)
+        }
+        names_beside = {call.name for call in self.program.beside}
+        begins = [name for name in self.program.routines if name not in called and name not in names_beside]
         begin = State(*self._kept(), frozenset({None}))
         for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
             self._cycle(name, begin)
-        self.later |= {name for name in beside if name in self.program.routines}
+        self.later |= {name for name in names_beside if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
         for name in self.program.routines.keys() - reached:  # called by nobody who is reached: cycles
@@ -369,8 +374,8 @@ class _Machine:
                 return
             again = begin
             for end in ([after] if after else []) + self.halted:
-                here = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
-                again = self.join(again, State(here, end.lost, begin.stands), _KEPT)
+                values = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
+                again = self.join(again, State(values, end.lost, begin.stands), _KEPT)
             if again.key() == begin.key():
                 return
             begin = again
@@ -380,8 +385,8 @@ class _Machine:
         is not what they are at the beginning."""
         parts: dict[str, Value] = {}
         families: dict[str, Unknown] = {}
-        for one in (one for body in self.program.routines.values() for one in body):
-            match one:
+        for statement in (statement for body in self.program.routines.values() for statement in body):
+            match statement:
                 case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
                     parts[part] = value if isinstance(value, Unknown) else _KEPT
                 case Lose(family, why) if f"{family}[".startswith(self.program.kept):
@@ -398,12 +403,12 @@ class _Machine:
 
     def _usages(self) -> list[Usage]:
         stands = self._stands()
-        found: dict[object, Usage] = {}
+        usages: dict[object, Usage] = {}
         for context in self.contexts:
             body = self.program.routines[context.routine]
             for at, state in sorted(context.before.items()):
                 if at < len(body) and isinstance(move := body[at], Move):
-                    here = _resolved(stands, state.stands)
+                    comes_from = _resolved(stands, state.stands)
                     usage = Usage(
                         move,
                         self.resolved(state, move.tool),
@@ -411,12 +416,12 @@ class _Machine:
                         tuple((part, self.value(state, part)) for part in move.needs),
                         self.value(state, move.trusts) if move.trusts else "on",
                         (move.offset[0], self.resolved(state, move.offset[1])) if move.offset else None,
-                        here | {None} if self.moved else here,
+                        comes_from | {None} if self.moved else comes_from,
                     )
                     key = (id(move), usage.tool, usage.frame, usage.needs, usage.trusts, usage.offset)
-                    old = found.get(key)
-                    found[key] = usage if old is None else replace(old, comes_from=old.comes_from | usage.comes_from)
-        return list(found.values())
+                    old = usages.get(key)
+                    usages[key] = usage if old is None else replace(old, comes_from=old.comes_from | usage.comes_from)
+        return list(usages.values())
 
     def _stands(self) -> list[set[str | None]]:
         """Return, for each context, the points at which the arm may stand when it begins."""
@@ -425,19 +430,19 @@ class _Machine:
         while changed:
             changed = False
             for context in self.contexts:
-                here = stands[context.number]
-                before = len(here)
-                here |= _resolved(stands, context.called_from)
-                changed |= len(here) > before
+                points = stands[context.number]
+                before = len(points)
+                points |= _resolved(stands, context.called_from)
+                changed |= len(points) > before
         return stands
 
 
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
     """Return the points that places are: keys, None, or contexts for where the arm stands when they begin."""
-    found: set[str | None] = set()
-    for one in places:
-        found |= stands[one] if isinstance(one, int) else {one if isinstance(one, str) else None}
-    return frozenset(found)
+    points: set[str | None] = set()
+    for place in places:
+        points |= stands[place] if isinstance(place, int) else {place if isinstance(place, str) else None}
+    return frozenset(points)
 
 
 def usages_of(program: Program) -> list[Usage]:
@@ -450,10 +455,10 @@ def family_of(part: str) -> str:
     return part.partition("[")[0]
 
 
-def _joined(one: Value, other: Value, place: Unknown) -> Value:
-    if one == other:
-        return one
-    unknown = [value for value in (one, other) if isinstance(value, Unknown)]
+def _joined(first: Value, second: Value, place: Unknown) -> Value:
+    if first == second:
+        return first
+    unknown = [value for value in (first, second) if isinstance(value, Unknown)]
     return min(unknown) if unknown else place
 
 
@@ -470,14 +475,14 @@ def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
     """Return where each statement of a routine leads; its length is where it returns. A label that is not there leads
     to the end of the program."""
-    places = {one.name: at for at, one in enumerate(body) if isinstance(one, Label)}
+    places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, Label)}
     flow: list[tuple[int, ...]] = []
-    for at, one in enumerate(body):
-        if isinstance(one, Jump):
-            there = {places[name] for name in one.labels if name in places}
-            flow.append(tuple(sorted(there | ({at + 1} if one.falls else set()))))
-        elif isinstance(one, End):
-            flow.append(() if one.halts else (len(body),))
+    for at, statement in enumerate(body):
+        if isinstance(statement, Jump):
+            targets = {places[name] for name in statement.labels if name in places}
+            flow.append(tuple(sorted(targets | ({at + 1} if statement.falls else set()))))
+        elif isinstance(statement, End):
+            flow.append(() if statement.halts else (len(body),))
         else:
             flow.append((at + 1,))
     return flow
@@ -513,9 +518,9 @@ class Blocks:
     def other(self) -> None:
         """Begin another branch of the block; without a guard it is taken where no other is."""
         if self._open and self._open[-1][0] == "branch":
-            _, other, end = self._open[-1]
+            _, branch_label, end = self._open[-1]
             self._open[-1] = ("branch", self._label(), end)
-            self.add(Jump((end,)), Label(other))
+            self.add(Jump((end,)), Label(branch_label))
 
     def guard(self) -> None:
         """The branch may be skipped, after what its condition calls."""
@@ -540,7 +545,7 @@ class Blocks:
         self.add(Jump((self._innermost(1),)))
 
     def _innermost(self, which: int) -> str:
-        return next((one[which] for one in reversed(self._open) if one[0] == "loop"), "")
+        return next((block[which] for block in reversed(self._open) if block[0] == "loop"), "")
 
     def close(self) -> None:
         """End the innermost block."""

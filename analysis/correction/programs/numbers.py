@@ -94,13 +94,13 @@ def frame_numbers(form: Form, T: Array, old: Array) -> Array:
     roll, pitch, yaw = np.degrees(roll_pitch_yaw(T))
     sets = [np.array([roll, pitch, yaw]), np.array([roll + 180, 180 - pitch, yaw + 180])]
     if form == "yaw_pitch_roll":
-        sets = [one[::-1] for one in sets]
-    sets = [one + 360 * np.rint((old[3:] - one) / 360) for one in sets]
+        sets = [angles[::-1] for angles in sets]
+    sets = [angles + 360 * np.rint((old[3:] - angles) / 360) for angles in sets]
     return np.concatenate([T[:3, 3], _nearest(sets, old[3:])])
 
 
 def _nearest(candidates: Sequence[Array], old: Array) -> Array:
-    return min(candidates, key=lambda one: float(np.abs(one - old).max()))
+    return min(candidates, key=lambda candidate: float(np.abs(candidate - old).max()))
 
 
 def written(number: Number, text: str, value: float, form: Form, decimals: tuple[int, int]) -> str:
@@ -111,8 +111,8 @@ def written(number: Number, text: str, value: float, form: Form, decimals: tuple
     least, most = decimals
     if abs(value - number.value) <= 0.5 * 10.0**-most:
         return old
-    own = most if re.search("[eE]", old) else len(old.partition(".")[2])
-    new = fixed(value, max(least, min(own, most)))
+    decimals_of_old = most if re.search("[eE]", old) else len(old.partition(".")[2])
+    new = fixed(value, max(least, min(decimals_of_old, most)))
     if float(new) == number.value:
         return old
     if re.match(r"[-+]?\.", old):
@@ -124,7 +124,7 @@ def replaced(text: str, changes: Sequence[tuple[Number, str]]) -> str:
     """Return the text with new numbers; where spaces stand between an equals sign and a number, as in the columns of
     FANUC's listings, they make up its width."""
     parts, at = [], 0
-    for number, new in sorted(changes, key=lambda one: one[0].begin):
+    for number, new in sorted(changes, key=lambda change: change[0].begin):
         before = text[at : number.begin]
         spaces = len(before) - len(before.rstrip(" "))
         wider = len(new) - (number.end - number.begin)

@@ -95,49 +95,48 @@ class Points:
                 point.usages.append(usage)
         targets: list[Target] = []
         places: dict[str, int] = {}
-        left = list(self._left)
+        skipped = list(self._left)
         for key, point in self._points.items():
             if point.target.file >= self.files:
                 continue
-            found = _used(point)
-            if isinstance(found, Left):
-                if found.reason != "unused" or key not in self.silent:
-                    left.append(found)
+            target = _used(point)
+            if isinstance(target, Left):
+                if target.reason != "unused" or key not in self.silent:
+                    skipped.append(target)
                 continue
             places[key] = base = len(targets)
-            targets.append(found)
-            for usage in {one.move.key: one for one in point.usages if one.offset}.values():
+            targets.append(target)
+            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
                 places[usage.move.key] = len(targets)
-                targets.append(_shadow(found, base, usage))
+                assert usage.offset is not None  # noqa: S101 - of moves with one
+                kind, numbers = usage.offset
+                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                targets.append(
+                    replace(
+                        target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base
+                    )
+                )
             self._sets += [named for usage in point.usages for named in _registers(usage)]
         steps = tuple(
             Step(
-                places[one.move.key],
-                frozenset(None if key is None else places.get(key) for key in one.comes_from),
-                "joint" if one.move.way == "joint" else "line",
-                one.trusts == "on",
+                places[usage.move.key],
+                frozenset(None if key is None else places.get(key) for key in usage.comes_from),
+                "joint" if usage.move.way == "joint" else "line",
+                usage.trusts == "on",
             )
-            for one in usages
-            if one.move.key in places
+            for usage in usages
+            if usage.move.key in places
         )
-        ordered = tuple(sorted(left, key=lambda one: (one.file, one.line)))
+        ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
         return Parsed(tuple(targets), steps, ordered, tuple(self._next_to_left(usages, places)), tuple(self._sets))
 
     def _next_to_left(self, usages: Sequence[Usage], places: dict[str, int]) -> Iterator[int]:
         """Yield the target at one end of each move whose other end is a point that is left."""
         for usage in usages:
             key = usage.move.key
-            for other in usage.comes_from:
-                if other is not None and (key in places) != (other in places):
-                    yield places[key if key in places else other]
-
-
-def _shadow(target: Target, base: int, usage: Usage) -> Target:
-    """Return the place that a move with an offset from a target goes to."""
-    assert usage.offset is not None  # noqa: S101 - of moves with one
-    kind, numbers = usage.offset
-    assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
-    return replace(target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base)
+            for source in usage.comes_from:
+                if source is not None and (key in places) != (source in places):
+                    yield places[key if key in places else source]
 
 
 def _registers(usage: Usage) -> Iterator[Named]:
@@ -181,29 +180,29 @@ def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
     return None
 
 
-def _with_state(target: Target, usages: Sequence[Usage], left: _Leave) -> Target | Left:
+def _with_state(target: Target, usages: Sequence[Usage], skip: _Leave) -> Target | Left:
     for usage in usages:
         if moved := _moved(usage):
-            return left(*moved)
+            return skip(*moved)
     first = usages[0]
     if not target.joints:
         for usage in usages:
-            here = _here(usage, "the move")
+            move = _here(usage, "the move")
             if isinstance(usage.tool, Unknown):
-                return left("unknown_tool", usage.tool, here)
+                return skip("unknown_tool", usage.tool, move)
             if isinstance(usage.frame, Unknown):
-                return left("unknown_frame", usage.frame, here)
+                return skip("unknown_frame", usage.frame, move)
             if (usage.tool, usage.frame) != (first.tool, first.frame):
-                return left("several_frames", _here(first, "one move"), here)
-    other = next((one for one in usages if one.move.near != first.move.near), None)
-    if other:
-        return left("two_postures", _here(first, "one move"), _here(other, "another move"))
+                return skip("several_frames", _here(first, "one move"), move)
+    differing = next((usage for usage in usages if usage.move.near != first.move.near), None)
+    if differing:
+        return skip("two_postures", _here(first, "one move"), _here(differing, "another move"))
     return replace(
         target,
         tool=_tool(first.tool, target.tool),
         frame=_tool(first.frame, target.frame),
         near=first.move.near,
-        flags=target.flags if any(one.trusts in ("on", "checked") for one in usages) else None,
+        flags=target.flags if any(usage.trusts in ("on", "checked") for usage in usages) else None,
     )
 
 

@@ -35,27 +35,27 @@ _LONGEST_MM = 1e4
 
 
 def solved(
-    arm: Arm, targets: Sequence[Target], poses: Array, given: Array, steps: Sequence[Step]
+    arm: Arm, targets: Sequence[Target], poses: Array, joint_angles: Array, steps: Sequence[Step]
 ) -> tuple[Array, dict[int, Reason]]:
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
-    `poses` (n, 4, 4) are those of the arm's tool in the world, and `given` (n, 6) rad the angles of joint targets, each
-    nan where the target is of the other kind.
+    `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
+    each nan where the target is of the other kind.
     """
-    q = given.copy()
+    q = joint_angles.copy()
     reasons: dict[int, Reason] = {}
-    asked = [k for k, one in enumerate(targets) if not one.joints and np.isfinite(poses[k]).all()]
+    asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     branches = dict(zip(asked, _branches(arm, poses[asked]), strict=True)) if asked else {}
     for k in asked:
-        found, target = branches[k], targets[k]
-        if isinstance(found, str):
-            reasons[k] = found
+        solutions, target = branches[k], targets[k]
+        if isinstance(solutions, str):
+            reasons[k] = solutions
         elif target.near is not None:
-            _take(q, reasons, k, _nearest(found, np.array(target.near)))
+            _take(q, reasons, k, _nearest(solutions, np.array(target.near)))
         elif target.flags:
-            mask = agreeing(arm, found, target.flags)
-            one = found[mask][0] if mask.sum() == 1 else None
-            _take(q, reasons, k, one if one is not None else ("ambiguous" if mask.any() else "other_flags"))
+            mask = agreeing(arm, solutions, target.flags)
+            chosen = solutions[mask][0] if mask.sum() == 1 else None
+            _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
     _along(arm, targets, poses, branches, steps, q, reasons)
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
@@ -67,29 +67,29 @@ def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
     """Return all solutions (m, 6) rad of each pose within the limits, with their turns, or why there are none."""
     solutions = inverse(arm, poses)
     every: list[Array | Reason] = []
-    for q, found in zip(solutions.q, solutions.found, strict=True):
-        if not found.any():
+    for q, in_reach in zip(solutions.q, solutions.found, strict=True):
+        if not in_reach.any():
             every.append("unreachable")
             continue
-        allowed, _ = within_limits(arm, q[found])
+        allowed, _ = within_limits(arm, q[in_reach])
         every.append(allowed if len(allowed) else "beyond_limits")
     return every
 
 
-def _take(q: Array, reasons: dict[int, Reason], k: int, found: Array | Reason) -> None:
-    if isinstance(found, str):
-        reasons[k] = found
+def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason) -> None:
+    if isinstance(solution, str):
+        reasons[k] = solution
     else:
-        q[k] = found
+        q[k] = solution
 
 
-def _nearest(found: Array, near: Array) -> Array | Reason:
+def _nearest(solutions: Array, near: Array) -> Array | Reason:
     """Return the solution (6,) rad nearest to angles (6,) rad, if it is clear which one that is."""
-    away = np.abs(found - near).max(axis=1)
+    away = np.abs(solutions - near).max(axis=1)
     order = np.argsort(away)
     if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
         return "ambiguous"
-    nearest: Array = found[order[0]]
+    nearest: Array = solutions[order[0]]
     return nearest
 
 
@@ -105,21 +105,25 @@ def _along(
     """Take postures from the targets before where nothing else says them, and leave those to which not every way leads
     in one posture."""
     ways = _Ways(arm, poses, branches, q)
-    free = {k for k, one in enumerate(targets) if not one.joints and one.near is None and one.flags is None}
+    free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
     waiting = [step for step in steps if step.target in free and step.target in branches]
     solved_some = True
     while solved_some:
         solved_some, still = False, []
         for step in waiting:
             k = step.target
-            sources = [one for one in step.comes_from if one is not None and ways.stands(one) and one not in reasons]
+            sources = [
+                source
+                for source in step.comes_from
+                if source is not None and ways.stands(source) and source not in reasons
+            ]
             if ways.stands(k) or k in reasons:
                 continue
             if not sources:
                 still.append(step)
                 continue
-            there = ways.reached(min(sources), k, step.way)
-            _take(q, reasons, k, there)
+            arrived = ways.reached(min(sources), k, step.way)
+            _take(q, reasons, k, arrived)
             solved_some = True
         waiting = still
     bad: dict[int, Reason] | None = None
@@ -149,9 +153,9 @@ class _Ways:
         they are not known."""
         key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
         if key not in self.known:
-            found = self.branches[k]
-            assert not isinstance(found, str)  # noqa: S101 - those have a reason already
-            self.known[key] = _reached(self.arm, self.q[source], self.poses[k], found, linear=way == "line")
+            solutions = self.branches[k]
+            assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
+            self.known[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, linear=way == "line")
         return self.known[key]
 
 
@@ -168,18 +172,18 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
             continue
         if not by_way and step.way != "line":
             continue
-        there = ways.reached(source, k, step.way)
-        if isinstance(there, str):
-            return there
-        if np.abs(np.sin((there - ways.q[k]) / 2) if not by_way else there - ways.q[k]).max() > _SAME_RAD:
+        arrived = ways.reached(source, k, step.way)
+        if isinstance(arrived, str):
+            return arrived
+        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > _SAME_RAD:
             return "two_postures"
     return None
 
 
-def _reached(arm: Arm, stands: Array, pose: Array, found: Array, *, linear: bool) -> Array | Reason:
+def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:
     """Return the angles (6,) rad at a pose (4, 4) for an arm that comes from angles `stands` (6,) rad."""
     if not linear:
-        return _nearest(found, stands)
+        return _nearest(solutions, stands)
     begin = forward(arm, stands[None])[0]
     if np.linalg.norm(pose[:3, 3] - begin[:3, 3]) > _LONGEST_MM:
         return "unreachable"
@@ -188,4 +192,4 @@ def _reached(arm: Arm, stands: Array, pose: Array, found: Array, *, linear: bool
         end: Array = follow(arm, way, stands, "a move")[-1]
     except FileError:
         return "ambiguous"
-    return found[np.abs(found - end).max(axis=1).argmin()] if len(found) else "unreachable"
+    return solutions[np.abs(solutions - end).max(axis=1).argmin()] if len(solutions) else "unreachable"

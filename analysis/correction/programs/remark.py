@@ -27,17 +27,17 @@ def with_remark(name: str, data: bytes, remark: str) -> bytes:
     suffix = name[name.rfind(".") :].lower()
     returns = b"\r\n" if b"\r\n" in data else b"\r" if b"\r" in data and b"\n" not in data else b"\n"
     places = (
-        [found.start() for found in _BEFORE[suffix].finditer(data.replace(b"\r", b"\n"))] if suffix in _BEFORE else []
+        [match.start() for match in _BEFORE[suffix].finditer(data.replace(b"\r", b"\n"))] if suffix in _BEFORE else []
     )
     at = places[-1] if places else len(data)
     lines = textwrap.wrap(remark, _PENDANT if suffix in (".ls", ".jbi") else _LONGEST)
-    number = max([int(found[1][:9]) for found in _NUMBERED.finditer(data[:at].replace(b"\r", b"\n"))], default=0)
+    number = max([int(match[1][:9]) for match in _NUMBERED.finditer(data[:at].replace(b"\r", b"\n"))], default=0)
     begins = {".ls": "{:4d}:  !", ".jbi": "'", ".mod": "  ! ", ".script": "# ", ".urscript": "# "}
     begin = begins.get(suffix, "; ")
-    own = [
+    remark_lines = [
         f"{begin.format(number + k)}{line}{' ;' if suffix == '.ls' else ''}" for k, line in enumerate(lines, start=1)
     ]
-    whole = returns.join(line.encode("ascii") for line in own)
+    whole = returns.join(line.encode("ascii") for line in remark_lines)
     if at == len(data) and data and not data.endswith((b"\n", b"\r")):
         return data + returns + whole
     return data[:at] + whole + returns + data[at:]

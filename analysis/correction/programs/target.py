@@ -198,25 +198,25 @@ class Texts:
 def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number, ...] | None:
     """Return the numbers of a list "n, n, n" in the text from `begin` to `end`, or None where anything else stands
     there."""
-    found, at = [], begin
+    numbers, at = [], begin
     for part in text[begin:end].split(",", most):
         match = _NUMBER.fullmatch(part.strip())
         if not match:
             return None
         start = at + len(part) - len(part.lstrip())
-        found.append(Number(start, start + len(match[0]), float(match[0])))
+        numbers.append(Number(start, start + len(match[0]), float(match[0])))
         at += len(part) + 1
-    return tuple(found)
+    return tuple(numbers)
 
 
 def blanked(text: str, pattern: re.Pattern[str]) -> str:
     """Return a text of the same length with spaces in place of comments and of what stands between quotes."""
 
     def spaces(match: re.Match[str]) -> str:
-        found = match[0]
-        if found[0] in "\"'" and len(found) > 1 and found[-1] == found[0]:
-            return found[0] + " " * (len(found) - 2) + found[0]
-        return _FILLED.sub(" ", found)
+        matched = match[0]
+        if matched[0] in "\"'" and len(matched) > 1 and matched[-1] == matched[0]:
+            return matched[0] + " " * (len(matched) - 2) + matched[0]
+        return _FILLED.sub(" ", matched)
 
     return pattern.sub(spaces, text)
 

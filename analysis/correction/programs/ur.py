@@ -178,7 +178,11 @@ def parse(texts: Texts) -> Parsed:
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
-    _list_parts(reader)
+    # List the numbers of targets that become parts of structs and lists: moves to them are computed.
+    for part in _PART_DECLARED.finditer(reader.text):
+        numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
+        if numbers and len(numbers) == 6:
+            reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
     _read(reader, events)
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
@@ -194,30 +198,24 @@ def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
     """Take the variables that are lists of six numbers; only those that nothing else assigns are literals."""
     text = reader.text
     written = Counter(
-        found[1] for found in _WRITTEN.finditer(text) if text[: found.start()].rstrip()[-1:] not in ("(", ",")
+        assignment[1]
+        for assignment in _WRITTEN.finditer(text)
+        if text[: assignment.start()].rstrip()[-1:] not in ("(", ",")
     )
     for event in events:
         written.update(_WORD.findall(event["parameters"] or ""))
-    for found in _DECLARED.finditer(text):
-        numbers = numbers_in(text, found.start("list"), found.end("list"))
-        name, pose = found["name"], found["kind"] == "p"
+    for declared in _DECLARED.finditer(text):
+        numbers = numbers_in(text, declared.start("list"), declared.end("list"))
+        name, pose = declared["name"], declared["kind"] == "p"
         if numbers is None or len(numbers) != 6:
             continue
-        reader.spent.add(found.start("name"))
+        reader.spent.add(declared.start("name"))
         if written[name] == 1:
-            (reader.poses if pose else reader.joints)[name] = tuple(one.value for one in numbers)
+            (reader.poses if pose else reader.joints)[name] = tuple(number.value for number in numbers)
         reader.points.silent.update(() if pose else (name,))
-        line = reader.lines.at(found.start("name"))
+        line = reader.lines.at(declared.start("name"))
         form: Form = "rotation_vector" if pose else "joints_rad"
         reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
-
-
-def _list_parts(reader: _Reader) -> None:
-    """List the numbers of targets that become parts of structs and lists: moves to them are computed."""
-    for found in _PART_DECLARED.finditer(reader.text):
-        numbers = numbers_in(reader.text, found.start("list"), found.end("list"))
-        if numbers and len(numbers) == 6:
-            reader.points.leave(reader.left(found.start(), "not_literal", found["name"]))
 
 
 def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
@@ -357,7 +355,7 @@ def _tool(reader: _Reader, at: int, opening: int) -> Value:
         begin = named.end()
     name = reader.text[begin:stop]
     literal = _list(reader.text, begin, stop)
-    values = tuple(one.value for one in literal[1]) if literal and literal[0] else reader.poses.get(name)
+    values = tuple(number.value for number in literal[1]) if literal and literal[0] else reader.poses.get(name)
     if values is None or not np.isfinite(values).all():
         return unknown
     if not literal:
@@ -370,9 +368,9 @@ def _tool(reader: _Reader, at: int, opening: int) -> Value:
 
 def _list(text: str, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
     """Return "p" or "" and the six numbers of a literal, or None."""
-    found = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(text, begin, end)
-    numbers = numbers_in(text, found.start(2), found.end(2)) if found else None
-    return (found[1], numbers) if found and numbers and len(numbers) == 6 else None
+    literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(text, begin, end)
+    numbers = numbers_in(text, literal.start(2), literal.end(2)) if literal else None
+    return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
 
 
 def _target(
@@ -412,7 +410,7 @@ def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:
         if named := re.compile(r"q_?near\s*=\s*").match(reader.text, start, stop):
             start = named.end()
         literal = _list(reader.text, start, stop)
-        near = tuple(one.value for one in literal[1]) if literal else reader.joints.get(reader.text[start:stop])
+        near = tuple(number.value for number in literal[1]) if literal else reader.joints.get(reader.text[start:stop])
         if near is not None and not literal:
             reader.spent.add(start)
     if not places or (len(places) > 1 and near is None) or len(places) > 2:

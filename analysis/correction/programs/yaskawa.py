@@ -112,10 +112,10 @@ class _Reader:
     def called(self, name: str) -> Statement:
         """Return the call of a job: the only one of that name."""
         jobs = self.jobs.get(name.upper(), [])
-        own = [job for job in jobs if job.startswith("0:")]
-        found = own if len(own) == 1 else jobs
-        why = self.why(f"{name} is called" if len(found) == 1 else f"{name} is not known here")
-        return Call(found[0], why) if len(found) == 1 else Forget(why)
+        jobs_of_program = [job for job in jobs if job.startswith("0:")]
+        callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
+        why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is not known here")
+        return Call(callees[0], why) if len(callees) == 1 else Forget(why)
 
 
 def parse(texts: Texts) -> Parsed:
@@ -176,17 +176,17 @@ def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
             state.kind = "PULSE"
         case ["///RCONF", values, *_]:
             state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
-    found = _POSITION.fullmatch(line)
-    if not found or reader.file:
+    position = _POSITION.fullmatch(line)
+    if not position or reader.file:
         return
-    numbers = numbers_in(line, found.start(2), found.end(2)) or ()
-    numbers = tuple(type(one)(begin + one.begin, begin + one.end, one.value) for one in numbers)
+    numbers = numbers_in(line, position.start(2), position.end(2)) or ()
+    numbers = tuple(type(number)(begin + number.begin, begin + number.end, number.value) for number in numbers)
     pulses = state.kind == "PULSE"
     frame = {"BASE": "base", "ROBOT": "base", "USER": state.user}.get(state.kind, state.kind.lower())
     flags = Flags("yaskawa", state.posture) if len(state.posture) == 6 and not pulses else None
     form: Form = "pulses" if pulses else "roll_pitch_yaw"
-    target = Target(found[1], 0, reader.line, form, numbers, state.tool, frame, flags)
-    reader.points.declare(reader.key(found[1]), target, _reason(found[1], len(numbers)))
+    target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
+    reader.points.declare(reader.key(position[1]), target, _reason(position[1], len(numbers)))
 
 
 def _reason(name: str, count: int) -> Reason | None:
@@ -294,9 +294,9 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
 def _mentioned(reader: _Reader, text: str) -> None:
     """Take the positions that an instruction has otherwise than as a target."""
     if reader.file == 0:
-        for found in _NAME.finditer(text):
-            if reader.points.knows(reader.key(found[0])):
-                reader.points.change(reader.key(found[0]), 0, reader.line)
+        for mention in _NAME.finditer(text):
+            if reader.points.knows(reader.key(mention[0])):
+                reader.points.change(reader.key(mention[0]), 0, reader.line)
 
 
 def _unless_relative(values: tuple[Value, ...]) -> Value:
@@ -306,21 +306,21 @@ def _unless_relative(values: tuple[Value, ...]) -> Value:
 
 
 def _move(reader: _Reader, move: re.Match[str]) -> None:
-    name, rest, blocks = move["point"], move["rest"], reader.blocks
+    name, options, blocks = move["point"], move["rest"], reader.blocks
     key = reader.key(name)
     reason: Reason | None = None
     if move["kind"] == "IMOV":
         reason = "relative"
-    elif re.search(r"\b[BE](?:C|P|X)\d+|\+\s*S?MOV", rest):
+    elif re.search(r"\b[BE](?:C|P|X)\d+|\+\s*S?MOV", options):
         reason = "external_axes"
     if reason or not reader.points.knows(key):
         if reader.points.knows(key):
             reader.points.change(key, 0, reader.line)
         reader.leave(name, reason or "not_literal")
         return
-    stops = _UNTIL.search(rest)
-    tracked = _TRACKED.search(rest)
-    unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", rest))).strip()
+    stops = _UNTIL.search(options)
+    tracked = _TRACKED.search(options)
+    unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
     blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     blocks.add(Set("coordinated here", "on" if move["kind"].startswith("S") else OFF))
     blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))

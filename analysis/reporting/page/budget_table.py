@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from analysis.inference.result import BudgetPart, Diagnosis
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
+from analysis.reporting.diagnosis_words import beside_u
 from analysis.reporting.texts import Texts
 
 _TENTHS = 1000
@@ -63,11 +64,10 @@ def budget_table(found: Diagnosis, texts: Texts) -> BudgetTable | None:
 def _row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: float) -> BudgetRow:
     texts = words.texts
     doubt = [doubt_words(part.doubt, texts)] if part.doubt and part.doubt != "usual" else []
-    um = f"{_rounded(part.um)} ± {_rounded(part.u_um)}" if part.u_um > 0 else _rounded(part.um)
     return BudgetRow(
         part=words.part_name(part),
         beside=tuple(filter(None, [words.size_of(part), *doubt])),
-        um=um,
+        um=beside_u(part.um, part.u_um),
         share=share,
         start=start,
         width=width,
@@ -75,10 +75,6 @@ def _row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: 
         rank_words=words.rank_of(part),
         times=words.times_usual(part),
     )
-
-
-def _rounded(um: float) -> str:
-    return f"{um:.1f}" if math.isfinite(um) else "–"
 
 
 def _tenths(shares: Sequence[float]) -> list[int]:

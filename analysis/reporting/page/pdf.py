@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
-from analysis.files.existing import refuse_foreign
+from analysis.files.write import refuse_foreign
 from daq.store import durable
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from analysis.batch.remote_path import RemotePath, location
-from analysis.batch.remote_runs import listed, remote_runs
-from analysis.batch.remote_store import StoreLost
+from analysis.batch.remote_store import StoreLost, listed, remote_runs
 from analysis.batch.run_directories import run_directories
 from rigs.errors import FileError
 
@@ -47,7 +46,7 @@ def below(url: str) -> list[str]:
 def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = url_of(plant) if protocol != "file" else f"file://{plant}"
     if protocol == "s3":  # the one listing of an object store
-        monkeypatch.setattr("analysis.batch.remote_runs.OBJECT_STORES", ("trial",))
+        monkeypatch.setattr("analysis.batch.remote_store.OBJECT_STORES", ("trial",))
     expected = [str(run.relative_to(plant)) for run in run_directories([plant])]
     assert below(url) == expected and len(expected) == 7
     assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]

@@ -137,7 +137,7 @@ def test_other_programs_and_placements_are_series_of_their_own() -> None:
     half = len(STILL) // 2
     moved = [replace(run, program="other", placement="north") for run in STILL[half:]]
     titles = {series.title for series in history_of(collected([*STILL[:half], *moved])).series}
-    assert "yaw acw, at north, program other" in titles and len(titles) == 8
+    assert "yaw acw, placement north" in titles and len(titles) == 8
 
 
 def test_a_page_is_always_the_same(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from analysis.conventions.check import findings_of
 from analysis.conventions.units import unit_findings
-from analysis.kinematics.turns import impossible_rad, wrapped
+from analysis.kinematics.limits import impossible_rad, wrapped
 from analysis.measures.pose import groups
 from analysis.traces.tables import CircleTable, PoseTable
 from rigs.load import load

@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.correction.controllers import CONTROLLERS
 from analysis.correction.correct import correct_rig
+from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import UseError
-from rigs.extend import extended
 from rigs.load import load
 from rigs.schema.vocabulary import Maker, maker_of
 from tests.support import command_line

@@ -19,11 +19,12 @@ from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.correct import correct_rig
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
-from analysis.files.table_problems import TableFileError
+from analysis.files.cells import TableFileError
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.kinematics.inverse import inverse
 from analysis.model.predict import model_of
 from analysis.reporting.correction_report import write
+from rigs.edit import extended
 from rigs.effects import (
     VOCABULARY,
     Backlash,
@@ -39,7 +40,6 @@ from rigs.effects import (
     size_field,
 )
 from rigs.errors import FileError
-from rigs.extend import extended
 from rigs.load import load
 from rigs.rig import Rig
 from tests.support.command_line import ran

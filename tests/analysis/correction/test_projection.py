@@ -23,8 +23,8 @@ from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, work_angles
 from analysis.kinematics.arm import forward
 from analysis.model.predict import model_of
+from rigs.edit import extended
 from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
-from rigs.extend import extended
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.conventions.units import unit_findings
-from analysis.files.mcap_messages import MAGIC
+from analysis.files.bags import MCAP_MAGIC as MAGIC
+from analysis.files.cells import TableFileError
 from analysis.files.read import MOST_BYTES, parse_csv, read_file
-from analysis.files.table_problems import TableFileError
 from analysis.traces.csv_tables import table_from
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName

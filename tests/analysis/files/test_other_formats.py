@@ -15,9 +15,8 @@ import pytest
 
 from analysis.arms.ur_calibration import read_calibration
 from analysis.arms.urdf import import_urdf
-from analysis.files.formulas import as_it_was, no_formula
 from analysis.files.read import parse_csv
-from analysis.files.write import write_csv, write_xlsx
+from analysis.files.write import as_it_was, no_formula, write_csv, write_xlsx
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.table_cases import csv_text, plain

@@ -15,8 +15,8 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from analysis.files import mcap_messages
-from analysis.files.mcap_messages import MAGIC
+from analysis.files import bags
+from analysis.files.bags import MCAP_MAGIC as MAGIC
 from analysis.files.ros_bag import table_of_bag
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
@@ -128,7 +128,7 @@ def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
     compression: CompressionType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A chunk may also state less than its frame unpacks to."""
-    monkeypatch.setattr(mcap_messages, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
+    monkeypatch.setattr(bags, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
     data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)
     lying = data.replace(struct.pack("<Q", _largest_chunk(data)), struct.pack("<Q", 10), 1)
     assert len(data) < 200_000 and lying != data

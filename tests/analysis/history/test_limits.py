@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from analysis.history.changes import Trend
-from analysis.history.history import Series, history_of
-from analysis.history.limits import judge
+from analysis.history.history import Series, history_of, judge
 from analysis.history.records import Record
 from analysis.history.screen import as_object
 from analysis.history.words import against_limit, sentences

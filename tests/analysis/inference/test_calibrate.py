@@ -78,8 +78,8 @@ def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
     assert found.effect.amplitude_deg == pytest.approx(0.05, abs=4 * found.sd["amplitude_deg"])  # type: ignore[union-attr]
     turned = (found.effect.phase_deg - phase + 180) % 360 - 180  # type: ignore[union-attr]
     assert abs(turned) < 4 * found.sd["phase_deg"]
-    # The phase is that at the joint's zero. Circles drive 48° of the joint, a quarter of a wave, and so know the order
-    # to 0.27: the phase is as sure as the order lets it be at the end of the stretch, and the wave is known far better.
+    # The phase is that at the joint's zero. Circles drive 48° of the joint, a quarter of a wave, and know the order to
+    # 0.27: the phase is as sure as the order lets it be at the end of the stretch, and the wave is known far better.
     driven = np.concatenate([run.table.q[:, 1] for run in runs])
     assert found.sd["phase_deg"] < found.sd["order"] * np.degrees(np.abs(driven).max())
     assert _rms(_wave(found.effect, driven) - _wave(truth, driven)) < 0.05 * _rms(_wave(truth, driven))

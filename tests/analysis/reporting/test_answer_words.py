@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import pytest
 
-from analysis.inference.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection
+from analysis.inference.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
 from analysis.inference.result import BudgetPart, Condition, Member
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words
@@ -161,3 +161,23 @@ def test_an_axis_is_called_by_its_number_and_by_its_name_where_that_says_more(la
     for name, says_more in (("J4", False), ("joint_a4", False), ("axis 4", False), ("A4", False), ("wrist 1", True)):
         axes = tuple(axis.model_copy(update={"name": name}) for axis in robot.axes)
         assert ("(" in texts.axis(robot.model_copy(update={"axes": axes}), 4)) == says_more, name
+
+
+def test_who_entered_the_zeros_is_not_sent_to_master_again() -> None:
+    assert is_done("remaster", "fault", way="entries", elsewhere=True)
+    assert not is_done("remaster", "fault", way="programs", elsewhere=True)
+    assert not is_done("load", "correction", way=None, elsewhere=True)
+    assert [is_done("measure", "elsewhere", way=None, elsewhere=judged) for judged in (True, False)] == [True, False]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_what_is_done_after_a_correction_has_words_in_every_language(language: Language) -> None:
+    texts = texts_of(language)
+    for key in ("after_cause_programs", "after_cause_entries", "stands_now", "path_error", "then"):
+        assert len(texts(key)) > 2
+
+
+def test_a_measurement_that_no_test_does_is_said_first_and_once() -> None:
+    group = Act("measure", "group", (0,), against=(Against("no_place"),))
+    said = ActWords(diagnosis(acts=(group,))).next
+    assert said.startswith("Declare another circle") and "(" not in said.replace("(Theta)", "")

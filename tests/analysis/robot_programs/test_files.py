@@ -78,7 +78,7 @@ def test_the_command_writes_both_directions_and_nothing_twice(
     names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert sorted(Path(line).name for line in said.out.split()) == names
-    assert "wrist 3 turns from" in said.err and "nothing in this program serves it" in said.err
+    assert "axis 6 (wrist 3) turns from" in said.err and "nothing in this program serves it" in said.err
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     (tmp_path / "out" / names[0]).unlink()
     assert ended(*order) == 3

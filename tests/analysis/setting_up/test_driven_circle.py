@@ -233,7 +233,7 @@ def test_a_jump_in_the_middle_is_refused_with_its_joint_and_time() -> None:
     q = lap.q.copy()
     q[len(q) // 2 :, 0] += np.radians(3.0)
     said = refused(replace(lap, q=q))
-    assert "base jumps by 3.0°" in said.what and " s" in said.what
+    assert "axis 1 (base) jumps by 3.0°" in said.what and " s" in said.what
 
 
 def at_home() -> Array:

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from analysis.setup import gauge_questions
-from analysis.setup.answers import Answers
+from analysis.setup.answers import Answers, Options
 from analysis.setup.dialogue import Dialogue, Stopped
 from analysis.setup.gauge_questions import ask_gauges
-from analysis.setup.options import Options
 from daq.discovery import PortReport, Wanted
 from rigs.errors import UseError
 

@@ -10,9 +10,8 @@ import pytest
 
 from analysis.kinematics.arm import arm_of, forward
 from analysis.setup.answers import Answers
-from analysis.setup.arms import chosen_arm
-from analysis.setup.circle import circle_from_start
-from analysis.setup.rig_text import rig_text
+from analysis.setup.rig_text import chosen_arm, rig_text
+from analysis.setup.robot_questions import circle_from_start
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.load import load, parse

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from analysis.traces import clocks
-from analysis.traces.lower_hull import floor, low_outliers, lower_line
+from analysis.traces.line_heights import highest_under
+from analysis.traces.lower_hull import floor, low_outliers, lower_hull, lower_line
 from analysis.traces.own_clock import through_clock
 from analysis.traces.steady_pace import numbered, through_pace
 
@@ -128,6 +130,31 @@ def test_the_broken_line_lies_under_all_points() -> None:
     line, low = floor(x, y)
     assert not low.any() and (y - line).min() > -1e-9
     assert np.abs(line - np.sin(x / 100) * 1e-3).max() < 5e-4
+
+
+@pytest.mark.parametrize("knots", [3, 21, 200])
+def test_no_line_of_so_many_pieces_lies_higher_under_the_corners(knots: int) -> None:
+    """Beside the solver of scipy, which lets a line lie above its corners by 1e-7 of their range."""
+    rng = np.random.default_rng(knots)
+    right = np.sort(rng.integers(1, knots, 20 * knots))
+    share, corners = rng.uniform(0, 1, len(right)), 1e-3 * (np.sin(right / 5) + rng.exponential(1, len(right)))
+    pull = np.bincount(right, share, knots) + np.bincount(right - 1, 1 - share, knots)
+    heights = highest_under(pull, right, share, corners)
+    assert heights is not None
+    at_corners = np.zeros((len(right), knots))
+    at_corners[np.arange(len(right)), right - 1], at_corners[np.arange(len(right)), right] = 1 - share, share
+    assert (at_corners @ heights <= corners).all()
+    best = linprog(-pull, at_corners, 1e3 * corners, bounds=(None, None), method="highs")
+    assert pull @ heights == pytest.approx(1e-3 * -best.fun, rel=1e-6, abs=1e-9)
+
+
+def test_the_hull_of_many_points_is_that_of_all() -> None:
+    """The lowest of each few are looked at first; the corners of all are found."""
+    rng = np.random.default_rng(8)
+    x, y = np.arange(20_000.0), 1e-7 * (np.arange(20_000.0) - 7e3) ** 2 + rng.exponential(1.0, 20_000)
+    corner_x, corner_y = lower_hull(x, y)
+    assert (y - np.interp(x, corner_x, corner_y)).min() > -1e-12
+    assert np.isin(corner_x, x).all() and len(corner_x) > 5
 
 
 def test_few_points_are_never_called_wrong() -> None:

@@ -14,8 +14,8 @@ from analysis.traces.loading import measured_of
 from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.traces.value_changes import changes
 from daq.store import read_run
+from rigs.schema.probe import Timing
 from rigs.schema.serial_gauges import SylvacOptoRS
-from rigs.schema.timing import Timing
 from tests.support.cycling_lap import drive, lap_rig, record
 from tests.support.nightly import cases
 from tests.support.stamped import network, serial

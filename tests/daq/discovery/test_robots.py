@@ -17,8 +17,7 @@ from daq.emulators.network_ports import TcpPort
 from daq.protocol.conversation import Device, Step
 from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState
-from rigs.schema.feedback import Feedback
-from rigs.schema.opc_ua import OPCUARobotics
+from rigs.schema.feedback import Feedback, OPCUARobotics
 from tests.support.drivers import OPC_UA, opc_ua, rtde
 from tests.support.unknown_cells import ROBOTS, switched_on
 

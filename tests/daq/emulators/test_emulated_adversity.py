@@ -20,7 +20,7 @@ from daq.wire.session import run_conversation
 from rigs.load import load
 from rigs.schema.feedback import URRTDE
 from rigs.schema.links import Line
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 
 MS = 1_000_000
 

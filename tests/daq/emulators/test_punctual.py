@@ -11,7 +11,7 @@ from daq.emulators.pty_line import PtyLine
 from daq.emulators.timed import STEADY, Punctual, timed_device
 from daq.protocol.conversation import Device
 from rigs.schema.links import Line
-from rigs.schema.timing import Timing
+from rigs.schema.probe import Timing
 from tests.support.stamp_cells import CONTINUOUS, GAUGES
 
 MS = 1_000_000

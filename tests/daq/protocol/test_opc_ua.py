@@ -25,8 +25,8 @@ from daq.protocol.opc_ua_server import RobotServer
 from daq.protocol.opc_ua_space import Space, robot_space
 from daq.wire.opening import open_link
 from daq.wire.session import run_conversation
+from rigs.schema.feedback import OPCUARobotics
 from rigs.schema.links import Line
-from rigs.schema.opc_ua import OPCUARobotics
 from tests.support.drivers import NODES, opc_ua
 from tests.support.opc_ua_chunks import faults, requests_in, samples
 from tests.support.opc_ua_servers import RADIAN, LibraryRobot, library_robot, now

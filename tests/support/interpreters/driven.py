@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.emulation.machine import Array, Event, Machine, Round, Stood, Straight
-from analysis.emulation.program_files import interpret
+from analysis.emulation.pendant import interpret
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import flange_of, pose_of

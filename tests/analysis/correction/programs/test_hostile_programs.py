@@ -12,8 +12,8 @@ from analysis.correction.corrected_program import CorrectedProgram, correct_prog
 from analysis.correction.programs.frames import frames_of
 from analysis.correction.programs.target import WHY
 from analysis.correction.support import supports
+from rigs.edit import extended
 from rigs.effects import Compliance, Effect, JointOffset
-from rigs.extend import extended
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.faulty_arm import EFFECTS, found, known

@@ -66,6 +66,12 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(11, "unknown_tool")],
     ),
     "an IF without THEN": (_module(J0 + "IF a=1 PDispSet p;\n" + L1), [(7, "displaced")]),
+    "a work object that a routine may be given": (
+        _module(J0 + "go;\n", "PROC go(\\PERS wobjdata w)\nMoveJ {p1},v9,fine,t\\WObj?w;\nENDPROC\n"),
+        [(9, "unknown_frame")],
+    ),
+    "a work object of a list": (_module(J0 + "MoveJ {p1},v9,fine,t\\WObj:=ws{2};\n"), [(6, "unknown_frame")]),
+    "a tool of a record": (_module(J0 + "MoveJ {p1},v9,fine,hand.t;\n"), [(6, "unknown_tool")]),
     "a work object after a comma": (_module(J0 + "MoveL {p1},v9,fine,t,\\WObj:=wobj0;\n"), []),
     "a displacement": (_module(J0 + "PDispSet p;\n" + L1 + "PDispOff;\n" + L2), [(7, "displaced")]),
     "one from two points": (_module(J0 + "PDispOn\\Rot,pA,t;\n" + L1), [(7, "displaced")]),

@@ -105,7 +105,9 @@ def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> Non
     assert "none stated" in _text(page)  # the gauges of the shipped rig have no certificate
 
 
-@pytest.mark.parametrize(("language", "words"), [("de", "Was zu tun ist"), ("ko", "조치")])
+@pytest.mark.parametrize(
+    ("language", "words"), [("de", "Danach, in dieser Reihenfolge"), ("ko", "그다음, 이 순서대로")]
+)
 def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
     text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
     assert words in text and f'<html lang="{language}">' in text

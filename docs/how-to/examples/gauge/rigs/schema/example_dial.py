@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from rigs.schema.links import Line
-from rigs.schema.origin import Origin
+from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 
