@@ -63,14 +63,22 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
         _inertia(body, axis, payload_kg)
         _hinges(body, axis, sense, number, traits)
+<<<<<<< HEAD
     ElementTree.SubElement(body, "site", {"name": "tool", **_place(arm.T_flange_tool)})
+=======
+    ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
+>>>>>>> reach
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
     """Add a body at T (4, 4) mm in its parent, and return it."""
+<<<<<<< HEAD
     return ElementTree.SubElement(parent, "body", {"name": name, **_place(T)})
+=======
+    return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
+>>>>>>> reach
 
 
 def _place(T: Array) -> dict[str, str]:
@@ -92,6 +100,7 @@ def _inertia(body: ElementTree.Element, axis: JointAxis, payload_kg: float) -> N
 
 def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int, traits: JointTraits) -> None:
     """Add the hinge of a joint, and those of its play and its compliance where they were measured."""
+<<<<<<< HEAD
     own = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
     joint = {"name": axis.name, **own, **_range(*np.radians(axis.limits_deg))}
     if nm := traits.friction_nm.get(number):
@@ -108,6 +117,21 @@ def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int,
 def _range(low: float, high: float) -> dict[str, str]:
     """The limits of a hinge, in rad."""
     return {"limited": "true", "range": _numbers([low, high])}
+=======
+
+    def add(name: str, **keys: str) -> None:
+        along = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
+        ElementTree.SubElement(body, "joint", {"name": name} | along | keys)
+
+    low, high = (float(np.radians(limit)) for limit in axis.limits_deg)
+    friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
+    add(axis.name, limited="true", range=_numbers([low, high]), **friction)
+    if width_deg := traits.play_deg.get(number):
+        half = float(np.radians(width_deg)) / 2.0
+        add(f"{axis.name}_play", limited="true", range=_numbers([-half, half]))
+    if soft := traits.compliance_deg_per_nm.get(number):
+        add(f"{axis.name}_compliance", limited="false", stiffness=repr(1.0 / float(np.radians(soft))))
+>>>>>>> reach
 
 
 def _numbers(values: Sequence[float] | Array) -> str:
