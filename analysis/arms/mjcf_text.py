@@ -63,22 +63,14 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
         _inertia(body, axis, payload_kg)
         _hinges(body, axis, sense, number, traits)
-<<<<<<< HEAD
-    ElementTree.SubElement(body, "site", {"name": "tool", **_place(arm.T_flange_tool)})
-=======
     ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
->>>>>>> reach
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
     """Add a body at T (4, 4) mm in its parent, and return it."""
-<<<<<<< HEAD
-    return ElementTree.SubElement(parent, "body", {"name": name, **_place(T)})
-=======
     return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
->>>>>>> reach
 
 
 def _place(T: Array) -> dict[str, str]:
@@ -100,24 +92,6 @@ def _inertia(body: ElementTree.Element, axis: JointAxis, payload_kg: float) -> N
 
 def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int, traits: JointTraits) -> None:
     """Add the hinge of a joint, and those of its play and its compliance where they were measured."""
-<<<<<<< HEAD
-    own = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
-    joint = {"name": axis.name, **own, **_range(*np.radians(axis.limits_deg))}
-    if nm := traits.friction_nm.get(number):
-        joint["frictionloss"] = repr(float(nm))
-    ElementTree.SubElement(body, "joint", joint)
-    if width_deg := traits.play_deg.get(number):
-        half = float(np.radians(width_deg)) / 2.0
-        ElementTree.SubElement(body, "joint", {"name": f"{axis.name}_play", **own, **_range(-half, half)})
-    if soft := traits.compliance_deg_per_nm.get(number):
-        spring = {"limited": "false", "stiffness": repr(1.0 / float(np.radians(soft)))}
-        ElementTree.SubElement(body, "joint", {"name": f"{axis.name}_compliance", **own, **spring})
-
-
-def _range(low: float, high: float) -> dict[str, str]:
-    """The limits of a hinge, in rad."""
-    return {"limited": "true", "range": _numbers([low, high])}
-=======
 
     def add(name: str, **keys: str) -> None:
         along = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
@@ -131,7 +105,6 @@ def _range(low: float, high: float) -> dict[str, str]:
         add(f"{axis.name}_play", limited="true", range=_numbers([-half, half]))
     if soft := traits.compliance_deg_per_nm.get(number):
         add(f"{axis.name}_compliance", limited="false", stiffness=repr(1.0 / float(np.radians(soft))))
->>>>>>> reach
 
 
 def _numbers(values: Sequence[float] | Array) -> str:
