@@ -164,12 +164,6 @@ class StreamBuffer:
             available += size_of(taken[-1])
         return newest, samples_of(taken[::-1])[-requested:] if requested > 0 else []
 
-    def _keep_recent(self, item: Sample | Samples) -> None:
-        self._recent.append(item)
-        self._recent_size += size_of(item)
-        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
-            self._recent_size -= size_of(self._recent.popleft())
-
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
@@ -183,7 +177,7 @@ class StreamBuffer:
         self._recent_size += size_of(item)
         while self._recent_size - size_of(self._recent[0]) >= _RECENT:
             self._recent_size -= size_of(self._recent.popleft())
-        if type(item) is Samples:
+        if not isinstance(item, Sample):
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))
                 if good.size:
