@@ -167,4 +167,4 @@ def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety: SafetySta
         report = search_robot(port, robot.model_copy(update={"port": port}))
     assert report.joints_deg == pytest.approx(DEGREES) and report.reported == "; ".join(STOPS.get(safety, ()))
     if safety is SafetyState.PROTECTIVE_STOP:
-        assert "protective stop" in report.reported and "unlock" in report.said
+        assert "protective stop" in report.reported and "unlock" in report.reported
