@@ -66,7 +66,7 @@ def test_port_4840_is_asked_as_opc_ua() -> None:
     with opc_ua_served(feedback):
         report = search_robot(feedback.port)
     assert report.feedback == feedback and report.joints_deg == pytest.approx(DEGREES)
-    assert "protective stop" in report.said
+    assert "protective stop" in report.reported
 
 
 @pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
@@ -165,6 +165,6 @@ def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety: SafetySta
     robot = rtde(rate_hz=125)
     with served(lambda: daq.feedback.device(robot, lambda _: [*DEGREES, ProgramState.STOPPED, safety])) as port:
         report = search_robot(port, robot.model_copy(update={"port": port}))
-    assert report.joints_deg == pytest.approx(DEGREES) and report.said == "; ".join(STOPS.get(safety, ()))
+    assert report.joints_deg == pytest.approx(DEGREES) and report.reported == "; ".join(STOPS.get(safety, ()))
     if safety is SafetyState.PROTECTIVE_STOP:
-        assert "protective stop" in report.said and "unlock" in report.said
+        assert "protective stop" in report.reported and "unlock" in report.reported
