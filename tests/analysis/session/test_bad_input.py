@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.write import programs_of
@@ -131,7 +132,6 @@ def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        ((), 2, "--for"),
         (("--for", "kuka", "--minutes", "3"), 2, "the shortest session of this cell takes"),
         (("--for", "kuka", "--effects", "x.yaml"), 2, "only with --emulated"),
         (("--for", "kuka", "--fast"), 2, "only with --emulated"),
@@ -142,6 +142,14 @@ def test_options_that_cannot_be(options: tuple[str, ...], code: int, said: str, 
     done = ran("session", cell, "-o", tmp_path / "own", *options)
     assert done.returncode == code and said in one_line(done.stderr)
     assert not (tmp_path / "own" / "session.yaml").exists()
+
+
+def test_a_cell_that_names_no_maker_asks_for_it(cell: Path, tmp_path: Path) -> None:
+    data = yaml.safe_load(cell.read_text())
+    data["robot"]["name"] = "arm"
+    cell.write_text(yaml.safe_dump(data, sort_keys=False))
+    done = ran("session", cell, "-o", tmp_path / "own")
+    assert done.returncode == 2 and "--for" in one_line(done.stderr)
 
 
 def test_a_cell_whose_ports_are_not_there(cell: Path, tmp_path: Path) -> None:
