@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from rigs.schema.links import Port
-from rigs.schema.part import Origin
-from rigs.schema.part import Part
+from rigs.schema.part import Origin, Part
 
 
 class ExampleStream(Part):
