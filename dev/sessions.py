@@ -24,7 +24,7 @@ import yaml
 
 from analysis.session.state import Aim, Place, Session
 from rigs.load import find, load
-from rigs.schema.part import MAKERS
+from rigs.schema.vocabulary import MAKERS
 
 ARMS = ("paper-fanuc", "ur10e")
 AT_ROBOT = ("stop", "pause", "other", "twice", "late")

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rigs.errors import FileError
-from rigs.plugins import BROKEN
 from rigs.rig import Rig
+from rigs.schema.plugins import BROKEN
 
 _MOST_TOLD = 100
 _CLOSE = 0.5

@@ -14,9 +14,10 @@ from rigs.schema.effect import name_of
 from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
-from rigs.schema.part import FEWEST_AXES, MAKERS, MOST_AXES, Maker, Part, maker_named, maker_of
+from rigs.schema.part import Part
 from rigs.schema.probe import Ball, Link, Temperature
 from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, MOST_AXES, Maker, maker_named, maker_of
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""

@@ -44,6 +44,7 @@ def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
     tracked = _run("git", "ls-files", "-z").stdout.rstrip("\0").split("\0")
     folders = {"daq", "analysis", "rigs", "tests", "systemd", "scripts", "docs", "dev", ".ci"}
     files = {".gitignore", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"}
+    files |= {"AGENTS.md", "llms.txt"}  # for programs that drive rig
     assert {name.partition("/")[0] for name in tracked} == folders | files
 
 

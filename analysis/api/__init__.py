@@ -37,7 +37,7 @@ from rigs.errors import FileError as FileError
 from rigs.errors import RigError as RigError
 from rigs.load import Hidden, load, load_hidden, named_by
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 RigFile = str | Path
 """The path of a rig file, or the name of a shipped rig such as `paper-fanuc`."""

@@ -12,7 +12,7 @@ from analysis.arms.robot_section import Joint
 from analysis.arms.urdf_file import Urdf, UrdfJoint
 from analysis.kinematics.arm import Array
 from rigs.errors import FileError
-from rigs.schema.part import FEWEST_AXES, MOST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 _NO_TURN = {
     "prismatic": "it slides: leave it out, with --base or --tip; a rail is robot.rail of a rig file",

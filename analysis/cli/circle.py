@@ -178,7 +178,7 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     from analysis.setting_up.driven_circle import driven_circle
     from analysis.setting_up.touched_ball import touched_ball
     from analysis.traces.robot_motion import motion_in
-    from rigs.schema.part import CIRCLES
+    from rigs.schema.vocabulary import CIRCLES
 
     circles = [run.manifest.test in CIRCLES for run in runs]
     if any(circles) != all(circles):

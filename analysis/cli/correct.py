@@ -12,7 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
-from rigs.schema.part import FEWEST_AXES, DrivenTest, Maker, maker_of
+from rigs.schema.vocabulary import FEWEST_AXES, DrivenTest, Maker, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, maker_option
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 if TYPE_CHECKING:
     from daq.service.trust import InstanceLock

@@ -14,7 +14,7 @@ from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
 from analysis.traces.table_layout import JointSource
 from rigs.errors import UseError
-from rigs.schema.part import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")

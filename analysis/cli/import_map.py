@@ -16,7 +16,7 @@ from analysis.files.write import holding, write_new
 from analysis.setup.dialogue import Dialogue, has_keyboard
 from analysis.traces.table_layout import JointSource
 from rigs.errors import FileError, UseError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
     from analysis.traces.loading import Measured

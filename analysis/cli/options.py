@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from analysis.cli import completion
-from rigs.schema.part import MAKERS, Direction, Maker, direction_of, maker_named
+from rigs.schema.vocabulary import MAKERS, Direction, Maker, direction_of, maker_named
 
 
 def location(given: str | Path) -> Path:

@@ -14,7 +14,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
-from rigs.schema.part import Maker, TestName
+from rigs.schema.vocabulary import Maker, TestName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError, UseError
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 if TYPE_CHECKING:
     from analysis.geometry.pose_pool import Sight

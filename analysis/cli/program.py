@@ -11,7 +11,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Anyway, RigArgument, maker_option
-from rigs.schema.part import CIRCLES, Maker, ProgramTest
+from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.cli.console import say
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from rigs.text import as_argument
 
 if TYPE_CHECKING:

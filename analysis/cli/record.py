@@ -13,7 +13,7 @@ from analysis.cli.commands import Group, app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, direction_option, operator_or_user
 from rigs.errors import RigError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")

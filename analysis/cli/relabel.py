@@ -11,7 +11,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Runs, direction_option
 from analysis.cli.several import for_each
-from rigs.schema.part import Direction, DrivenTest
+from rigs.schema.vocabulary import Direction, DrivenTest
 
 
 @command(app, "rig relabel runs/lap-3 --direction cw")

@@ -15,7 +15,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from rigs.text import plain
 
 if TYPE_CHECKING:

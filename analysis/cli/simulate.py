@@ -11,7 +11,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument, direction_option
-from rigs.schema.part import CIRCLES, Direction, SimulatedTest, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest, TestName
 
 
 @command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")

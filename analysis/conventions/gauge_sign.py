@@ -27,8 +27,8 @@ from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PathTable, PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import TestName
 from rigs.schema.scene import play
+from rigs.schema.vocabulary import TestName
 
 _ALIKE = 8.0
 """Steps of the grid, of 1.4° each, over which the rest of two laps goes alike: so many count as one reading."""

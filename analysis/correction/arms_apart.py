@@ -1,7 +1,7 @@
 """Two arms of one model compared pose by pose: how far apart their tools are at the same joint angles.
 
-Whoever moves a program from one arm to another asks this. In the robots' bases it is the whole difference; with frame
-and tool taught with each arm, what is left.
+A person who moves a program from one arm to another asks this. In the robots' bases it is the whole difference; with
+frame and tool taught with each arm, what is left.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
 
 
 def _on_its_base(rig: Rig, tool_of: Rig) -> Rig:
-    """A rig with its arm in the origin and the tool of another: both are set up by whoever mounts the arm."""
+    """A rig with its arm in the origin and the tool of another: both are set up where the arm is mounted."""
     robot = rig.robot.model_copy(update={"base": Pose(), "tool": tool_of.robot.tool, "rail": None})
     return rig.model_copy(update={"robot": robot})
 
@@ -133,7 +133,7 @@ def _postures(one: CalibratedArm, other: CalibratedArm) -> Array:
 
 
 def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
-    """By axis, by how much each constant of the other arm is more: zeros and angles in degrees, lengths in mm."""
+    """Return by axis how much each constant of the other arm is more: zeros and angles in degrees, lengths in mm."""
     arms = [geometric_arm(model_of(rig)) for rig in (one, other)]
     found = []
     for axis in range(arms[0].axes):

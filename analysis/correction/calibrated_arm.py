@@ -23,7 +23,7 @@ from analysis.model.predict import Model, model_of
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import FEWEST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES
 
 _SEEDS = 128
 """Postures from which an arm without a list of branches is tried, beside the one near which it is asked for. Measured:

@@ -45,7 +45,7 @@ from analysis.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 _LEVER_MM = 100.0
 """Shortest lever by which a turn of the tool counts. Chosen: about half a hand's width beyond a flange."""

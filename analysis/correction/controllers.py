@@ -21,7 +21,7 @@ import math
 from dataclasses import dataclass
 
 from rigs.errors import UseError
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.part import FEWEST_AXES, Maker
+from rigs.schema.vocabulary import FEWEST_AXES, Maker
 
 NO_PROGRAMS = Programs()
 

@@ -33,7 +33,7 @@ from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is

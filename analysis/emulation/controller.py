@@ -23,7 +23,7 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 COUNTS_PER_DEG = 3000.0
 """Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""

@@ -27,7 +27,7 @@ from rigs.errors import FileError
 from rigs.files import read_bytes, read_text
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
-from rigs.schema.part import CIRCLES, MAKERS, DrivenTest, Maker, maker_of
+from rigs.schema.vocabulary import CIRCLES, MAKERS, DrivenTest, Maker, maker_of
 from rigs.yaml_text import read_yaml
 
 _MAKERS: dict[str, Maker] = {

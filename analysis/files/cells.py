@@ -24,7 +24,7 @@ from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
 from analysis.traces.table_rules import LARGEST
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
-from rigs.schema.part import direction_of
+from rigs.schema.vocabulary import direction_of
 
 _SHOWN = 20
 

@@ -29,7 +29,7 @@ from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def read_table(

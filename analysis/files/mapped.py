@@ -25,7 +25,7 @@ from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, jo
 from analysis.traces.tables import PoseTable
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

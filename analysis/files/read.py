@@ -46,7 +46,7 @@ from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.part import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
 from rigs.text import as_argument
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}

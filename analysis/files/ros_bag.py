@@ -26,7 +26,7 @@ from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""

@@ -13,7 +13,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
 from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns
 from rigs.rig import Rig
-from rigs.schema.part import MOST_AXES, Direction, TestName
+from rigs.schema.vocabulary import MOST_AXES, Direction, TestName
 
 _SPEED_FACTOR = 2.0
 """A joint that moves faster than this many times its rated speed …"""

@@ -21,8 +21,8 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, Integers
 from analysis.kinematics.follow import follow
 from rigs.schema.declared_tests import Circle
-from rigs.schema.part import Direction
 from rigs.schema.scene import play
+from rigs.schema.vocabulary import Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:

@@ -30,8 +30,8 @@ from analysis.kinematics.newton import conditioning, newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
-from rigs.schema.part import FEWEST_AXES
 from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import FEWEST_AXES
 
 ORDER = (5, 4, 3, 2, 1)
 """The order of the poses in a cycle, 6.10 of the standard."""

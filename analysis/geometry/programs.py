@@ -19,7 +19,7 @@ from analysis.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
-from rigs.schema.part import FEWEST_AXES, Direction
+from rigs.schema.vocabulary import FEWEST_AXES, Direction
 
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of a controller on a calibration circle, a gentle one."""

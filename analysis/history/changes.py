@@ -46,7 +46,7 @@ class Whitening:
 
     @classmethod
     def of(cls, covariance: Array) -> Whitening:
-        """What makes noise of this covariance (n, n) white."""
+        """Return what makes noise white whose covariance (n, n) is relative to the variance of a run, in any unit."""
         lower = np.linalg.cholesky(covariance)
         rows = np.linalg.inv(lower)
         level = rows @ np.ones(len(rows))

@@ -24,7 +24,7 @@ from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:

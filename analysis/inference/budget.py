@@ -197,7 +197,7 @@ class _Budget:
         for place, named_effect in enumerate(named):
             if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
                 share = min(named_effect.worth_um**2 / self.whole_um2, max(scatter.share, 0.0))
-                vibration = BudgetPart(
+                swing = BudgetPart(
                     "effect",
                     named_effect.worth_um,
                     named_effect.u_um,
@@ -205,7 +205,7 @@ class _Budget:
                     name=label_of(named_effect.effect),
                     odds=named_effect.posterior,
                 )
-                parts.append(replace(vibration, rank="unusual", index=place))
+                parts.append(replace(swing, rank="unusual", index=place))
                 scatter = replace(scatter, share=scatter.share - share)
         return sorted([*parts, unexplained, scatter], key=lambda part: -part.share)
 

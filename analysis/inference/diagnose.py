@@ -234,12 +234,12 @@ def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages:
 
 def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
     """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
-    vibration = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
-    if vibration is None:
+    swing = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    if swing is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, None, vibration.scatter_um)
-    return named_vibration(vibration, limits[circles], train.after_um)
+    limits = limits_um(result.linear, None, swing.scatter_um)
+    return named_vibration(swing, limits[circles], train.after_um)
 
 
 def _diagnosis_of(

@@ -38,7 +38,7 @@ from analysis.traces.tables import CircleTable, Table, TouchTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # What is known of each form of each name before anything is measured: the posterior covariance of the forms' sizes in

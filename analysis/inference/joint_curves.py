@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import is_wave, size_field
-from rigs.schema.part import MOST_AXES
+from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
 """Expected width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a

@@ -24,7 +24,7 @@ from analysis.model.predict import Model, SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.traces.tables import PlaceTable
 from rigs.effects import turned
-from rigs.schema.part import MOST_AXES
+from rigs.schema.vocabulary import MOST_AXES
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The scatter of joints and ball between runs, which moves all readings of a run together.

@@ -30,7 +30,7 @@ from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Further tests: those that could be run in addition, namely the other tests of the rig file and circles with another

@@ -28,7 +28,7 @@ from analysis.model.predict import SetUp
 from rigs.errors import FileError, PathError, RigPlace, Undrivable, UseError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Circles that could be driven in addition: the rig's own circle at other places, tilts, radii and speeds, and with

@@ -16,7 +16,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, PlaceTable, TouchTable, test_of
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The unexplained residual: the bands of orders, and the targets, where more remains than noise explains, with a

@@ -20,7 +20,7 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, PartKind, name_of
 from rigs.schema.limits import Standing
-from rigs.schema.part import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.

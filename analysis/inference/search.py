@@ -21,7 +21,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.traces.tables import PlaceTable, PoseTable
 from rigs.effects import Effect
-from rigs.schema.part import Build
+from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The search: set-ups fitted, noise estimated and names selected, repeated until the names leave the set-ups where

@@ -24,7 +24,7 @@ from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Para
 from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place.

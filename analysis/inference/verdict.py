@@ -45,7 +45,7 @@ from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_of
 from rigs.schema.limits import Limit, Limits, Standing
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The standing of runs against limits: every figure that has one, judged with its uncertainty, and the worst of them.
@@ -283,16 +283,16 @@ def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Ri
     return tuple(twins), tuple(others)
 
 
-def named_vibration(vibration: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
+def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
     """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
     at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
-    if vibration.gain < np.log(ODDS):
+    if swing.gain < np.log(ODDS):
         return []
-    moves = Worth(np.full(len(limits), 1e3 * vibration.amplitude_mm / np.sqrt(2)))
+    moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
     if not moves.is_material(limits):
         return []
-    odds = 1 / (1 + float(np.exp(-min(vibration.gain, 50.0))))
-    return [Named(vibration.effect, vibration.sd, odds, (), gap_um, vibration.effect.remedy(), moves.whole_um, None)]
+    odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
+    return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
 
 
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:

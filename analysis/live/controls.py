@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from analysis.live.view import LiveView, Reading
-from rigs.schema.part import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 REDRAW = "\x0c"
 """Ctrl-L."""

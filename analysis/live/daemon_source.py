@@ -23,7 +23,7 @@ from analysis.live.view import Reading, Update
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
-from rigs.schema.part import FURTHER
+from rigs.schema.vocabulary import FURTHER
 
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5

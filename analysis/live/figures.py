@@ -13,7 +13,7 @@ from analysis.live.controls import Units
 from analysis.live.lap import moves, speeds
 from analysis.live.sweeps import ErrorCurve
 from analysis.live.view import LiveView
-from rigs.schema.part import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 OLD_S = 2.0
 """A reading that is older is marked: a frozen number must not look alive."""

@@ -19,7 +19,7 @@ from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
 """Rows a second that are shown; a screen shows ten."""

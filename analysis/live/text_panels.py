@@ -14,7 +14,7 @@ from analysis.live.figures import OLD_S
 from analysis.live.lap import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
 from rigs.schema.condition import CONDITION, condition_words
-from rigs.schema.part import FURTHER
+from rigs.schema.vocabulary import FURTHER
 from rigs.text import plain
 
 _LITTLE_DISK = 0.05

@@ -13,7 +13,7 @@ from analysis.live.cell import Cell
 from analysis.live.lap import JointMotion, JointReversal, LapProgress
 from analysis.live.rows import NO_ROWS, Rows
 from analysis.live.sweeps import Sweep
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 _KEPT_ROWS = 6000
 """A minute at 100 Hz."""

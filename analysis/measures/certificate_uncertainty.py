@@ -15,7 +15,7 @@ from dataclasses import replace
 from analysis.measures.quantity import PLACE, Quantity
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, WITHOUT_GAUGES, TestName
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 Figures = dict[str, Quantity]
 _SHORTEST_MM = 0.3

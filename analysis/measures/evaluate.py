@@ -20,7 +20,7 @@ from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import FEWEST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES
 
 Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult | PathResult
 

@@ -15,7 +15,7 @@ from analysis.traces.loading import measured_of
 from daq.store import read_run
 from daq.store.run import Run
 from rigs.errors import DirectionError, FileError
-from rigs.schema.part import WITHOUT_GAUGES, Direction
+from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
 _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
 """A robot drives at the end of a run where a joint turns by so much in so long: five times what a stand shows."""

@@ -23,7 +23,7 @@ from analysis.reporting.plain_console import whole
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
 """A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""

@@ -20,7 +20,7 @@ from analysis.traces.loading import measured_of
 from daq.store import table_run
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 @dataclass(frozen=True)

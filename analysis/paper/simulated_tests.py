@@ -20,7 +20,7 @@ from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
 """Scatter of a reading at a target, from one approach to the next: 0.087 mm fitted to the paper's 0.261 mm.

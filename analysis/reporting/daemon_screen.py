@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rigs.schema.condition import CONDITION, condition_words
-from rigs.schema.part import FURTHER
+from rigs.schema.vocabulary import FURTHER
 
 _OLD_S = 2.0
 

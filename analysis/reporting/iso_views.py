@@ -13,7 +13,7 @@ from analysis.measures.pose import PoseResult
 from analysis.measures.result_curves import PathCurve
 from analysis.measures.results import Result
 from analysis.traces.tables import PoseTable
-from rigs.schema.part import FEWEST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES
 
 _SHARE = 0.12
 """The largest deviation is drawn as this share of the cube's side."""

@@ -28,7 +28,7 @@ from analysis.measures.parameters import quantity_of
 from analysis.reporting.plain_console import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST = 3
 """Further tests that are listed for one pair."""

@@ -16,7 +16,7 @@ from analysis.reporting.plain_console import whole
 from analysis.reporting.plan_report import noise_in_words
 from rigs.edit import Keys, Value, with_values
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
 _MOST_NAME = 63

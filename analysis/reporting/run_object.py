@@ -10,7 +10,7 @@ from analysis.frames import for_json
 from analysis.measures.pooled import BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
-from analysis.reporting.run_report import what_u_is
+from analysis.reporting.run_words import what_u_is
 from analysis.reporting.truth import TruthComparison
 
 

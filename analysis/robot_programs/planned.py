@@ -64,7 +64,8 @@ from analysis.robot_programs.ways import over_sphere, straight
 from rigs.errors import FileError, PathError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
-from rigs.schema.part import CIRCLES, Direction, DrivenTest, Vector
+from rigs.schema.part import Vector
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _SPEED_RAD_S = float(np.radians(20.0))
 """Fastest joint between poses: slow enough to be stopped by hand."""

@@ -12,7 +12,7 @@ from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import Plan
 from rigs.errors import FileError
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)

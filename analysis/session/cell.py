@@ -22,7 +22,7 @@ from daq import clock
 from daq.service.client import Client, find_socket
 from daq.store.manifest import DrivenWith
 from rigs.errors import CellError, RigError
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 LOOK_S = 0.1
 """Between two looks at the joints."""

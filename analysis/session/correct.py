@@ -37,7 +37,7 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import DrivenTest
+from rigs.schema.vocabulary import DrivenTest
 from rigs.yaml_text import read_yaml
 
 CORRECTIONS = "corrections"

@@ -28,7 +28,7 @@ from analysis.session.state import Aim, Purpose, Stage, Step
 from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, Direction, DrivenTest, Maker, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker, TestName
 from rigs.yaml_text import data_of
 
 DWELL_S = 3.0

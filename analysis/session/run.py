@@ -17,7 +17,7 @@ from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
 from daq import clock
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)

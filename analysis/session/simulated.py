@@ -32,7 +32,7 @@ from daq.simulated.cell import SimulatedCell
 from daq.simulated.clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden
-from rigs.schema.part import MAKERS
+from rigs.schema.vocabulary import MAKERS
 
 _INFERENCE_S = 20.0
 """Simulated seconds of an inference. Measured: 10 to 25 s for four to twelve runs, on a core of two that are busy."""

@@ -21,7 +21,8 @@ from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
 from rigs.problems import Problem, RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
-from rigs.schema.part import CIRCLES, Direction, DrivenTest, Maker, Part
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
 from rigs.text import as_argument
 from rigs.yaml_text import read_yaml
 

@@ -29,7 +29,7 @@ from rigs.edit import Values
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Where a driven circle starts and which way is anticlockwise: normal, zero direction and posture.

@@ -23,8 +23,9 @@ from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance
-from rigs.schema.part import FEWEST_AXES, Part
+from rigs.schema.part import Part
 from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import FEWEST_AXES
 from rigs.text import plain, the_same
 from rigs.yaml_text import flow, read_yaml
 

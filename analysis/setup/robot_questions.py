@@ -23,8 +23,9 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
-from rigs.schema.part import Vector, maker_of
+from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import maker_of
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:

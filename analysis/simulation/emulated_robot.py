@@ -41,7 +41,7 @@ from rigs.schema.condition import (
     words_of,
 )
 from rigs.schema.feedback import condition_columns
-from rigs.schema.part import CIRCLES, Direction, DrivenTest
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 ROOM_C = 22.0
 _TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])

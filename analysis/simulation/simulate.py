@@ -28,7 +28,7 @@ from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable,
 from rigs.effects import Effect, turned
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 GAUGE_RATE_HZ = 50.0
 """Readings a second on a circle: what a 4800 baud line gives."""

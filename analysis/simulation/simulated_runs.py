@@ -12,7 +12,7 @@ from analysis.traces.loading import SIMULATED, Measured, measured_of, rig_of
 from daq.store import table_run
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def simulated_run(

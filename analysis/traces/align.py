@@ -19,7 +19,7 @@ from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, r
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""

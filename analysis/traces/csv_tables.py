@@ -31,7 +31,7 @@ from analysis.traces.tables import (
 )
 from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:

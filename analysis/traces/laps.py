@@ -20,8 +20,8 @@ from analysis.traces.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
-from rigs.schema.part import Direction
 from rigs.schema.robot import Robot
+from rigs.schema.vocabulary import Direction
 from rigs.text import as_argument
 
 _RADIUS_OFF_MM = 2.0

@@ -25,7 +25,7 @@ from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, WITHOUT_GAUGES
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""

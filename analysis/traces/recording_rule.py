@@ -18,7 +18,7 @@ from daq.store.ledger import first_error
 from rigs.errors import FileError
 from rigs.schema.declared_tests import Rule
 from rigs.schema.feedback import SIGNAL
-from rigs.schema.part import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 _STILL_DEG = 0.02
 _STOOD_S = 0.3

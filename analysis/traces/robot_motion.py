@@ -10,7 +10,7 @@ from analysis.traces.csv_tables import table_from
 from analysis.traces.tables import CircleTable
 from daq.store import Run
 from rigs.errors import FileError
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 
 @dataclass(frozen=True)

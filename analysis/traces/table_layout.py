@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:

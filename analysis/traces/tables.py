@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array, Integers
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 @dataclass(frozen=True)

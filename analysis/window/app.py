@@ -40,7 +40,7 @@ from analysis.window.watcher import Watcher
 from daq.service.trust import tcp_user
 from rigs.distribution import version
 from rigs.errors import CellError, RigError
-from rigs.schema.part import MAKERS
+from rigs.schema.vocabulary import MAKERS
 
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"

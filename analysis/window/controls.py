@@ -13,7 +13,7 @@ from analysis.session.state import Place
 from analysis.window.watcher import Watcher
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
-from rigs.schema.part import MAKERS, Maker
+from rigs.schema.vocabulary import MAKERS, Maker
 from rigs.text import plain
 
 _TAIL_BYTES = 4096

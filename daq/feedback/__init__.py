@@ -14,9 +14,9 @@ from typing import Any
 from daq.protocol.conversation import Device, Host
 from rigs.distribution import to_install
 from rigs.errors import CellError
-from rigs.plugins import driver_of
 from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
+from rigs.schema.plugins import driver_of
 
 Read = Callable[[int], Sequence[float]]
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from daq.protocol.conversation import Device, Host
-from rigs.plugins import driver_of
 from rigs.schema.gauges import Gauge
+from rigs.schema.plugins import driver_of
 
 Read = Callable[[int], Sequence[float]]
 

@@ -31,7 +31,8 @@ from daq.store.manifest import DrivenWith, Operator, Placement, ViewZero, load_m
 from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
-from rigs.schema.part import Direction, Part, TestName
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import Direction, TestName
 
 NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 

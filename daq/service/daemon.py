@@ -46,7 +46,8 @@ from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link, open_link
 from rigs.errors import CellError, RigError, UseError
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, Part
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import CIRCLES
 from rigs.text import plain, plain_lines
 
 

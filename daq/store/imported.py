@@ -20,7 +20,7 @@ from daq.store.run import Run
 from daq.store.run_directory import new_directory, write_beside
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def table_run(  # noqa: PLR0913 - what a manifest needs to know

@@ -44,7 +44,8 @@ from daq.store.ledger import (
 from rigs.distribution import version
 from rigs.errors import FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
-from rigs.schema.part import Direction, Length, TestName
+from rigs.schema.part import Length
+from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
 """Written when a run begins, and again when it ends."""

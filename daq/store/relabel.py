@@ -14,7 +14,7 @@ from daq.store import durable
 from daq.store.ledger import BEING_RECORDED, Entry, Ledger, Relabelling, first_error, iso_now, to_recover
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
 from rigs.errors import CellError, FileError, UseError
-from rigs.schema.part import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 _GAUGED = ("yaw", "roll", "radial", "repeatability")
 """Tests whose recorded streams are alike, so that one may have been taken for another."""

@@ -35,7 +35,7 @@ from daq.store.run_directory import (
 )
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000

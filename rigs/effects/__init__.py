@@ -1,8 +1,8 @@
 """The vocabulary of effects: why link side = reported + effect. One effect a file of this folder, named as the effect.
 
-A file that is put here, or a class of another package that is offered to `rig.effects` (`rigs/plugins.py`), is at once
-an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction: `rigs.effects.X` is its
-class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
+A file that is put here, or a class of another package that is offered to `rig.effects`
+(`rigs/schema/plugins.py`), is at once an effect of rig files and a candidate of every simulation, fit, plan, diagnosis
+and correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from rigs import plugins
+from rigs.schema import plugins
 from rigs.schema.effect import AT_AXIS, healthy, size_fields
 from rigs.schema.effect import Effect as Effect
 from rigs.schema.effect import Found as Found

@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
-from rigs.schema.part import Axis, Build
+from rigs.schema.part import Axis
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 _HANGS_KG = 5.0
 """The payload during a test is often unknown: what is taken first, …"""

@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from rigs.schema.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
-from rigs.schema.part import Axis, Build
+from rigs.schema.part import Axis
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 
 class JointOffset(Effect):

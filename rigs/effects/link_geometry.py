@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from rigs.schema.effect import EVERY_AXIS, Compensation, Effect, Place, Scope, size
-from rigs.schema.part import Axis, Build
+from rigs.schema.part import Axis
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")

@@ -19,8 +19,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.part import Angle, Direction, DrivenTest, Part, Vector
+from rigs.schema.part import Angle, Part, Vector
 from rigs.schema.robot import Pose, Posture
+from rigs.schema.vocabulary import Direction, DrivenTest
 
 _LONGEST_LAP_S = 1800.0
 

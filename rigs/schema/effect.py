@@ -18,8 +18,9 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field
 
-from rigs.schema.part import Build, Part
+from rigs.schema.part import Part
 from rigs.schema.scene import S, Stage
+from rigs.schema.vocabulary import Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.plugins import extended
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.part import Origin, Part
+from rigs.schema.plugins import extended
 
 AxisName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$")]
 _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from rigs.plugins import extended
 from rigs.schema.links import Line, ModemLines
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
-from rigs.schema.part import FURTHER, Origin, Part
+from rigs.schema.part import Origin, Part
+from rigs.schema.plugins import extended
 from rigs.schema.probe import Probe, Timing
+from rigs.schema.vocabulary import FURTHER
 
 
 class SylvacOptoRS(Probe):

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from rigs.schema.part import FEWEST_AXES, MOST_AXES, Angle, Build, Length, Part, Vector
+from rigs.schema.part import Angle, Length, Part, Vector
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 
 class Pose(Part):

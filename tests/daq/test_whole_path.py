@@ -13,7 +13,7 @@ import yaml
 from analysis.simulation.emulated_robot import EmulatedRobot, truth
 from daq.store import read_run
 from rigs.load import load, load_hidden, parse
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.bench import Bench, rig_text
 from tests.support.nightly import cases
 from tests.support.simulated_bench import SimulatedBench

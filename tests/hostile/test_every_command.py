@@ -249,6 +249,12 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml", "--test", "radial", "-o", own / "s", "--effects", EVIL],
         ],
         "status": lambda cell, own: [[], ["--json"], ["--rig", EVIL]],
+        "versions": lambda cell, own: [
+            [cell / "rig.yaml"],
+            [cell / "rig.yaml", "--in", cell, "--json"],
+            [cell / "rig.yaml", "--in", EVIL],
+            [cell / "rig.yaml", "--back-to", EVIL],
+        ],
         "window": lambda cell, own: [
             [cell / "no rig"],
             [cell / "rig.yaml", "--listen", EVIL],

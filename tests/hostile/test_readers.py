@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -188,8 +189,9 @@ def test_a_damaged_length_is_damage_however_much_it_asks_for(monkeypatch: pytest
         def read_next_batch_with_custom_metadata(self) -> None:
             _no_memory()
 
-    monkeypatch.setattr(chunk, "_hold_plain", lambda message: None)  # private: what stands before Arrow's own reading
-    monkeypatch.setattr(pa.ipc, "read_message", lambda data: None)
+    monkeypatch.setattr(chunk, "_has_compression", lambda metadata: False)  # private: read before Arrow
+    message = SimpleNamespace(type="record batch", metadata=pa.py_buffer(b""))
+    monkeypatch.setattr(pa.ipc, "read_message", lambda data: message)
     monkeypatch.setattr(pa.ipc, "open_stream", lambda *_, **__: Damaged())
     assert "malloc" in str(salvage(bytes(1000), schema_of(FAULTS, ())).damage)
 

@@ -14,7 +14,7 @@ from rigs.schema.limits import (
     limits_of_tolerance,
     offered_tolerance_mm,
 )
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 TEXT = (SHIPPED / "paper-fanuc.yaml").read_text().partition("# 0.25 mm is allowed")[0]
 """A rig file without limits."""

@@ -18,8 +18,8 @@ from daq.acquisition.streams import streams_of
 from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
-from rigs.schema.part import MAKERS
 from rigs.schema.probe import Certificate
+from rigs.schema.vocabulary import MAKERS
 
 TEXT = (
     (SHIPPED / "paper-fanuc.yaml").read_text()

@@ -9,7 +9,7 @@ from analysis import save_run
 from analysis.simulation.simulated_runs import simulated_run
 from rigs.effects import Backlash
 from rigs.load import load
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.store_cases import edit_manifest
 
 BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)

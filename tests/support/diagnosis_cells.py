@@ -31,7 +31,7 @@ from rigs.effects import Effect, JointOffset
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.limits import Limits
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.made_once import made_once
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from analysis.simulation.simulated_runs import simulated_run
 from dev.trials.blind.trial import Job, make_case, runs_of
 from rigs.effects import VOCABULARY
 from rigs.load import load
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support import independent_arm
 from tests.support.command_line import ran
 from tests.support.store_cases import edit_manifest

@@ -25,7 +25,7 @@ from analysis.traces.csv_tables import columns_of
 from daq.store import table_run, write_table_run
 from rigs.effects import Backlash
 from rigs.load import load
-from rigs.schema.part import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 BEGAN = datetime(2025, 12, 1, 6, tzinfo=UTC)
 CELL = "ur10e"

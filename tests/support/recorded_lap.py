@@ -13,7 +13,7 @@ from analysis.traces.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter
 from rigs.load import load, load_hidden
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 WRONG = (100, 400)
 """Rows whose stamp of the robot's own clock is odd."""

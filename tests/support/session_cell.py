@@ -15,7 +15,7 @@ from analysis.session.guide import Guide, Infers
 from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
 from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
 from rigs.load import load
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from rigs.yaml_text import data_of
 from tests.support.made_once import made_once
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from analysis import save_run, simulate
 from analysis.live.played_run import PlayedRun, played_run
 from analysis.live.view import LiveView
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 
 def lap_run(directory: Path, rig: str = "ur10e", direction: Direction = "acw", seed: int | None = None) -> Path:

@@ -13,7 +13,7 @@ from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.kinematics.follow import follow
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 RIG_FILE = "paper-fanuc"
 TESTS: tuple[TestName, ...] = ("yaw", "roll", "radial", "repeatability", "pose")

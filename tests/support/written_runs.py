@@ -10,7 +10,7 @@ from analysis import read_table, save_run
 from analysis.simulation.simulated_runs import simulated_run
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def write_simulated(

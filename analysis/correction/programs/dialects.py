@@ -11,7 +11,7 @@ from analysis.correction.programs.numbers import Decimals
 from analysis.correction.programs.target import Parsed, Texts
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 _MOST_BYTES = 10_000_000
 """A program with a hundred thousand targets is below it; controllers hold less."""

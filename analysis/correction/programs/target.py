@@ -10,7 +10,7 @@ from typing import Literal
 
 from analysis.correction.programs.machine import Unknown
 from analysis.kinematics.arm import Array
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 
 Form = Literal[
     "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "quaternion"

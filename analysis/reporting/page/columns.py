@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
-from analysis.reporting.run_report import figure_in_words
+from analysis.reporting.run_words import figure_in_words
 from analysis.reporting.texts import Texts
 
 _UNPLACED_DEG = 15.0

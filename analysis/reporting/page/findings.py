@@ -10,7 +10,7 @@ from analysis.reporting.answer_words import AnswerWords, fields_of, part_of
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, size, sure
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect
-from rigs.schema.part import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3
 _SAME_DEG = 15.0

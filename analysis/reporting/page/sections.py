@@ -19,9 +19,9 @@ from analysis.reporting.page.columns import Column, columns_of, shown
 from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.target_charts import target_charts
-from analysis.reporting.run_report import eccentricities_in_words, lag_in_words, what_u_is
+from analysis.reporting.run_words import eccentricities_in_words, lag_in_words, what_u_is
 from analysis.reporting.texts import Texts
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)
 _MOST_DRAWN = 2

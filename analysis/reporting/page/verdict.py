@@ -15,7 +15,7 @@ from analysis.reporting.labels import whole_label
 from analysis.reporting.page.columns import title_of
 from analysis.reporting.texts import Texts
 from rigs.schema.limits import COVERAGE, Limits, Standing
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 
 Overall = Standing | Literal["unjudged"]
 _MOST_NAMED = 3

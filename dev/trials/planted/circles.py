@@ -25,7 +25,7 @@ from dev.trials.planted.closed_forms import BASELINE_MM, RADIUS_MM, link_reading
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 FINE = np.linspace(0, 2 * np.pi, 7200, endpoint=False)
 """A noise-free curve is taken at these circle angles, rad."""

@@ -11,7 +11,7 @@ import pytest
 from analysis.cli.emulate import locked_cell
 from rigs.errors import CellError, FileError
 from rigs.load import find
-from rigs.schema.part import Maker, maker_named
+from rigs.schema.vocabulary import Maker, maker_named
 from tests.support.command_line import ran
 
 

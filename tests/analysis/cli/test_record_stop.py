@@ -9,7 +9,7 @@ import pytest
 
 from analysis.measures.usable import fitness
 from daq.service import client
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.command_line import ran
 from tests.support.recorded_lap import recorded
 

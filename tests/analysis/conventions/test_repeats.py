@@ -15,7 +15,7 @@ from analysis.traces.tables import CircleTable
 from rigs.effects import Backlash
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured
 
 PLAY = Backlash(axis=5, width_deg=0.3)

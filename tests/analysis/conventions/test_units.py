@@ -20,7 +20,7 @@ from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 
 RAD = np.pi / 180

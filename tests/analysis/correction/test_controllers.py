@@ -22,7 +22,7 @@ from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import UseError
 from rigs.load import load
-from rigs.schema.part import Maker, maker_of
+from rigs.schema.vocabulary import Maker, maker_of
 from tests.support import command_line
 from tests.support.independent_arm import Wrong as WrongArm
 from tests.support.independent_arm import constants_of, flange

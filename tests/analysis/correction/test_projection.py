@@ -27,7 +27,7 @@ from rigs.edit import extended
 from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.independent_arm import Wrong, constants_of, flange
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import pytest
 
 from analysis.emulation.controller import COUNTS_PER_DEG, GEAR_RATIO, Controller
 from rigs.errors import FileError
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import rig_of
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 

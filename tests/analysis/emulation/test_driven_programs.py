@@ -26,7 +26,7 @@ from rigs.effects import Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
-from rigs.schema.part import DrivenTest, Maker
+from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.faulty_arm import flange_at, frame
 from tests.support.independent_arm import Array, Wrong
 from tests.support.interpreters.arms import pose_of, rig_of

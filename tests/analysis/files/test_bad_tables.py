@@ -16,7 +16,7 @@ from analysis.files.cells import TableFileError
 from analysis.files.read import MOST_BYTES, parse_csv, read_file
 from analysis.traces.csv_tables import table_from
 from rigs.errors import FileError, UseError
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
 from tests.support.written_runs import import_table
 

@@ -21,7 +21,7 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run, recover, verify
 from rigs.errors import FileError
 from rigs.load import load
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import JOINTS, RIG_FILE, circle_values, csv_text, plain, rig
 from tests.support.written_runs import import_table
 

@@ -24,7 +24,7 @@ from daq.store import load_manifest, read_run, recover, verify
 from daq.store.ledger import sha256
 from rigs.errors import CellError, FileError
 from rigs.load import load
-from rigs.schema.part import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import plain_lines
 from tests.support.command_line import ran
 from tests.support.table_cases import JOINTS, RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of, texts

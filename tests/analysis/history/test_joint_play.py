@@ -7,7 +7,7 @@ import pytest
 from analysis import evaluate, simulate
 from analysis.history.joint_play import joint_plays
 from rigs.effects import Backlash, TransmissionError
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])

@@ -11,7 +11,7 @@ from analysis.inference.observation import GRID, ORDER_OF, Sampling, bridging, c
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import RIG, WAYS, Array, table_of
 
 AT = np.arange(GRID) * 2 * np.pi / GRID

@@ -28,7 +28,7 @@ from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, Transmissi
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, scaled, size_of
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, plan_of_circles
 from tests.support.nightly import cases
 

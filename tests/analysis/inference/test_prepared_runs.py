@@ -15,7 +15,7 @@ from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured, poses
 
 PLAY = Backlash(axis=3, width_deg=0.1)

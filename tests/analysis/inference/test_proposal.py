@@ -22,7 +22,7 @@ from analysis.reporting.proposal_report import write
 from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.made_once import made_once
 
 RIG, TEXT = load("paper-fanuc")

@@ -16,7 +16,7 @@ from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.schema.part import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 from tests.support.nightly import cases
 
 U_MM = 0.001

@@ -20,7 +20,7 @@ from analysis.traces.laps import laps_of
 from rigs.effects import Effect, TimeLag
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.schema.part import Direction
+from rigs.schema.vocabulary import Direction
 from tests.support.written_runs import write_simulated
 
 LAGGING = TimeLag(effect="time_lag", lag_s=0.005)

@@ -25,8 +25,8 @@ from daq.protocol.conversation import Sample
 from daq.store import Run, RunWriter, read_run
 from rigs.load import load, parse
 from rigs.rig import Rig
-from rigs.schema.part import Direction, TestName
 from rigs.schema.probe import GaugeCertificate, Temperature
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.written_runs import write_simulated
 
 PLAIN: dict[str, Any] = {"number": "D-K-1 2025-17", "date": "2025-03-01", "u_mm": 0.0008, "k": 2}

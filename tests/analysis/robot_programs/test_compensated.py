@@ -34,7 +34,7 @@ from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.effects import Found, JointOffset
 from rigs.errors import FileError
 from rigs.load import load
-from rigs.schema.part import DrivenTest, Maker
+from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
 from tests.support.interpreters.driven import paths, run

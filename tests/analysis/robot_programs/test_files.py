@@ -15,7 +15,7 @@ from analysis.robot_programs.text import fixed, identifier, wrapped
 from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.command_line import ended
 
 LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"

@@ -16,7 +16,7 @@ from analysis.robot_programs.planned import cube_plan, path_plan
 from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import pose_of, rig_of
 from tests.support.interpreters.driven import ROUNDING, run
 from tests.support.iso_plain import cube_places

@@ -20,7 +20,7 @@ from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
-from rigs.schema.part import DrivenTest, Maker
+from rigs.schema.vocabulary import DrivenTest, Maker
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import ROUNDING, along, paths, run, stops
 from tests.support.interpreters.joints import postures

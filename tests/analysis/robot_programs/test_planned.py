@@ -21,7 +21,7 @@ from daq.protocol.conversation import Sample
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.driven import run
 
 RULES = [

@@ -11,7 +11,7 @@ from analysis.emulation.machine import ProgramError
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import rig_of
 from tests.support.interpreters.driven import SUFFIX, run
 

@@ -15,7 +15,7 @@ from analysis.session.state import Aim, Place, Try
 from daq.store import durable
 from rigs.errors import CellError
 from rigs.load import load
-from rigs.schema.part import MAKERS
+from rigs.schema.vocabulary import MAKERS
 from tests.support.command_line import ran
 from tests.support.session_cell import begun, cell_file
 

@@ -14,7 +14,7 @@ from analysis.session.plan import Program, programs_of_steps, write_programs
 from rigs.effects import Backlash, Effect, Found
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.faulty_arm import flange_at, frame
 from tests.support.independent_arm import Array, Wrong
 from tests.support.interpreters.arms import pose_of

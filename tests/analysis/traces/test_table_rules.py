@@ -13,7 +13,7 @@ from analysis import load_run, save_run, simulate
 from analysis.traces.loading import Measured
 from daq.store import write_table_run
 from rigs.errors import FileError
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.command_line import ran
 
 

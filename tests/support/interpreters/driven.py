@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from analysis.emulation.machine import Array, Event, Machine, Round, Stood, Straight
 from analysis.emulation.pendant import interpret
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import flange_of, pose_of
 
 SUFFIX = {"ur": ".script", "fanuc": ".LS", "kuka": ".src", "abb": ".mod", "yaskawa": ".JBI"}

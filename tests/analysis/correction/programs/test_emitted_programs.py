@@ -21,7 +21,7 @@ from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.write import DIALECTS, programs_of, write_programs
 from rigs.rig import Rig
-from rigs.schema.part import Maker
+from rigs.schema.vocabulary import Maker
 from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
 from tests.support.independent_arm import Array
 from tests.support.interpreters.arms import pose_of, rig_of

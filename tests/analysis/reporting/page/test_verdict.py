@@ -16,7 +16,7 @@ from analysis.reporting.page.verdict import Verdict, example_limits, judge, name
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
-from rigs.schema.part import TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
 

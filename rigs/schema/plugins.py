@@ -5,7 +5,8 @@ A package says in its pyproject.toml which of its classes joins which group, und
     [project.entry-points."rig.gauges"]
     example_dial = "cell_dial.schema:ExampleDial"
 
-One that cannot be used is left out, and a rig file that names it is told why: rig goes on for every other cell.
+One that cannot be used is left out, and where a rig file names it the reason is reported:
+rig goes on for every other cell.
 """
 
 from __future__ import annotations
