@@ -36,6 +36,7 @@ from tests.support.made_once import made_once
 
 Array = NDArray[np.float64]
 RIG, TEXT = load("paper-fanuc")
+LIMITS = RIG.limits
 # Without limits: figures that nobody looks at would take a quarter of each diagnosis.
 RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": (), "limits": Limits()})
 WAYS: tuple[Direction, ...] = ("cw", "acw")

@@ -18,7 +18,7 @@ from rigs.calibration import Judged, ground_of, verdict_of
 from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
-from tests.support.diagnosis_cells import RIG, WAYS, circles, found_in, measured
+from tests.support.diagnosis_cells import LIMITS, RIG, WAYS, circles, found_in, measured
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.made_once import made_once
 
@@ -61,8 +61,9 @@ def one_zero() -> Diagnosis:
 
 @made_once
 def one_play() -> Diagnosis:
-    """A play of twice what is usual, by a lap each way."""
-    return found_in(circles((Backlash(axis=1, width_deg=0.02),), count=1))
+    """A play of twice what is usual in an arm that fails its limits, by a lap each way."""
+    limited = RIG.model_copy(update={"limits": LIMITS})
+    return found_in(circles((Backlash(axis=1, width_deg=0.02),), count=1), limited)
 
 
 def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_removes_most_first() -> None:
