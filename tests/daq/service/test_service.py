@@ -100,9 +100,10 @@ def _failing_daemon(bench: Bench, patch: str) -> Bench:
 
 BROKEN_READER = """
 import daq.feedback
-from types import SimpleNamespace
+from pathlib import Path
+runs = Path(__file__).parent / "runs"
 def break_down(self, data, now_ns, received=[0]):
-    received[0] += 1
+    received[0] += any(runs.glob("*/manifest.json"))  # however long a busy computer takes to begin a recording
     return original(self, data, now_ns) if received[0] < 500 else self.no_such_thing
 from daq.protocol.streamed import Streamed
 original = Streamed.received
