@@ -25,7 +25,11 @@ pytestmark = [
     pytest.mark.skipif(not CHROMIUM, reason="there is no chromium here"),
 ]
 PATIENCE_S = 120.0
-DRAWN = "document.querySelectorAll('.live .main-svg').length >= document.querySelectorAll('.live').length"
+DRAWN = (
+    "document.readyState === 'complete' && document.querySelectorAll('.live').length > 0"
+    " && document.querySelectorAll('.live .main-svg').length >= document.querySelectorAll('.live').length"
+)
+"""Before the page is there nothing has been drawn, although as many pictures as there are."""
 
 
 @pytest.fixture(scope="module")
