@@ -275,8 +275,6 @@ def _names_in(tree: ast.Module) -> set[str]:
 def test_only_its_own_file_names_an_effect() -> None:
     """What another file knew of an effect would be missing of a new one."""
     own = {path: {path.stem} if path.parent.name == "effects" else set() for path in FILES}
-    # A file for MuJoCo has a spring at each joint, which is this effect and no other.
-    own |= {path: {"compliance"} for path in FILES if path.stem in ("joint_traits", "export_urdf")}
     found = {name_of(path): _names_in(tree_of(path)) - own[path] for path in FILES}
     assert {name: effects for name, effects in found.items() if effects} == {}
 

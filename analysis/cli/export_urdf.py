@@ -29,9 +29,9 @@ def export_urdf(
         typer.Option(
             "--for",
             help="Who reads the file: urdf is any program that reads URDF, xacro a description of your own, which "
-            "includes a macro, mjcf MuJoCo, with the play and the compliance of each joint; ur-driver the ROS driver "
-            "of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these makers, "
-            "which take a kinematics.yaml.",
+            "includes a macro, mjcf MuJoCo, with the play of each joint and what it yields under load; ur-driver the "
+            "ROS driver of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these "
+            "makers, which take a kinematics.yaml.",
         ),
     ] = "urdf",
     calibration_hash: Annotated[
@@ -133,12 +133,16 @@ def _mjcf(
         f"{what} of axis {', '.join(map(str, sorted(of)))}"
         for what, of in (
             ("play", traits.play_deg),
-            ("compliance", traits.compliance_deg_per_nm),
+            ("deflection under load", traits.compliance_deg_per_nm),
             ("friction", traits.friction_nm),
         )
         if of
     ]
-    held = f"In hinges beside the joints' own: {'; '.join(parts)}." if parts else "No play or compliance was found."
+    held = (
+        f"In hinges beside the joints' own: {'; '.join(parts)}."
+        if parts
+        else "Neither play nor deflection under load was found."
+    )
     text = mjcf_text(rig.robot, arm, traits, where, [carried, held])
     return text, f"{carried} {held}"
 

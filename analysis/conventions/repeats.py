@@ -15,7 +15,8 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array
+from analysis.noise.readings import rms
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
@@ -102,14 +103,14 @@ def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[F
     most = sign > 0
     usual, usual_apart = mean[most].mean(axis=0), apart[most].mean(axis=0)
     for k in np.flatnonzero(~most).tolist():
-        as_labelled, as_meant = _rms(apart[k] - usual_apart), _rms(apart[k] + usual_apart)
-        if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * _rms(mean[k] - usual)):
+        as_labelled, as_meant = rms(apart[k] - usual_apart), rms(apart[k] + usual_apart)
+        if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * rms(mean[k] - usual)):
             yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
         shapes = [_without_first_order(curve) for curve in (apart[k], usual_apart, mean[k], usual)]
         as_labelled, as_meant = (
-            np.hypot(_rms(shapes[0] - shapes[1]), _rms(shapes[2] - shapes[3])),
-            np.hypot(_rms(shapes[0] + shapes[1]), _rms(shapes[2] + shapes[3])),
+            np.hypot(rms(shapes[0] - shapes[1]), rms(shapes[2] - shapes[3])),
+            np.hypot(rms(shapes[0] + shapes[1]), rms(shapes[2] + shapes[3])),
         )
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant):
             yield _finding(repeats[k], float(as_labelled), float(as_meant), negated=True)
@@ -132,7 +133,3 @@ def _without_first_order(curve: Array) -> Array:
     spectrum = np.fft.rfft(curve)
     spectrum[1] = 0.0
     return np.fft.irfft(spectrum, n=len(curve))
-
-
-def _rms(values: Array | Integers) -> float:
-    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))

@@ -16,6 +16,7 @@ from analysis.correction.joint_traits import joint_traits
 from analysis.correction.work import rest_mm
 from analysis.kinematics.arm import Array, pose_error
 from analysis.model.predict import geometric_arm, model_of
+from analysis.noise.readings import rms
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
@@ -57,11 +58,11 @@ class ArmsApart:
         """Return all of it in plain types, None for what is not known."""
         return {
             "arms": list(self.names),
-            "rms_mm": _rms(self.distance_mm),
+            "rms_mm": rms(self.distance_mm),
             "max_mm": float(self.distance_mm.max()),
-            "taught_rms_mm": _rms(self.taught_mm),
-            "turned_rms_deg": _rms(self.turned_deg),
-            "u_rms_mm": None if np.isnan(self.u_mm).any() else _rms(self.u_mm),
+            "taught_rms_mm": rms(self.taught_mm),
+            "turned_rms_deg": rms(self.turned_deg),
+            "u_rms_mm": None if np.isnan(self.u_mm).any() else rms(self.u_mm),
             "constants": [dict(one) for one in self.constants],
             "play_deg": [{str(axis): width for axis, width in one.items()} for one in self.play_deg],
             "doubts": list(self.doubts),
@@ -91,7 +92,7 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
     q_deg = _postures(*arms)
     nominal = [CalibratedArm(one.rig.model_copy(update={"effects": (), "calibrated": None})) for one in arms]
     first, second = (one.forward(q_deg).T[:, :3, 3] for one in nominal)
-    if _rms(np.linalg.norm(second - first, axis=1)) > _OTHER_MODEL_MM:
+    if rms(np.linalg.norm(second - first, axis=1)) > _OTHER_MODEL_MM:
         what = f"its arm is built otherwise than that of {rig.name}: {other.robot.name}, not {rig.robot.name}"
         raise FileError(other.name, what, "compare arms of one model")
     found = [one.forward(q_deg) for one in arms]
@@ -149,7 +150,3 @@ def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
 def _doubts(arms: tuple[CalibratedArm, ...]) -> list[str]:
     nothing = [arm.rig.name for arm in arms if not model_of(arm.rig).effects]
     return [f"{name} has no effects and no calibration: it is compared as its data sheet has it" for name in nothing]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

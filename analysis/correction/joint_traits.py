@@ -15,6 +15,8 @@ from rigs.rig import Rig
 from rigs.schema.effect import AT_AXIS, is_play, size_field
 
 _OPTION = "--nm-per-a"
+_SPRING = "deg_per_Nm"
+"""The size of an effect that turns a joint in proportion to its torque, as a spring does."""
 
 
 def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> JointTraits:
@@ -28,7 +30,7 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
         if effect.PLACE == AT_AXIS and is_play(effect):
             play_deg[_axis(effect)] += float(getattr(effect, size_field(effect)))
     for effect, times in _terms(rig):
-        if effect.effect == "compliance":
+        if effect.PLACE == AT_AXIS and size_field(effect) == _SPRING:
             soft[_axis(effect)] += times * float(getattr(effect, size_field(effect)))
     return JointTraits(dict(play_deg), {axis: value for axis, value in soft.items() if value > 0}, friction_nm or {})
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from analysis.files.write import holding, write_all_new, write_all_over
@@ -17,9 +18,10 @@ from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.edit import extended
 from rigs.errors import FileError, RigError
 from rigs.load import load
+from rigs.rig import Rig
 
 _MOST = 10_000
-"""Rig files that are looked at below a folder: a folder of more is not one of a robot's calibrations."""
+"""YAML files below a folder: one of more is not that of a robot's calibrations."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +36,30 @@ class Version:
 
 def versions(rig_file: Path, folder: Path) -> list[Version]:
     """Return the calibrations below a folder of the arm of a rig file, the newest first; what is not a rig file, of
-    another robot or without a calibration is no version. Raises FileError where the rig file cannot be read."""
+    another robot or without a calibration is no version. Raises FileError where the rig file cannot be read, and for a
+    folder of too many files."""
     rig, _ = load(rig_file)
+    files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
+    if len(files) > _MOST:
+        raise FileError(
+            str(folder), f"holds more than {_MOST} YAML files", "give the folder of this robot: --in FOLDER"
+        )
     found = []
-    for path in sorted(folder.rglob("*.y*ml"))[:_MOST]:
+    for path in files:
         try:
             other, _ = load(path)
         except RigError:
             continue
-        if other.calibration and other.calibrated and other.robot.name == rig.robot.name:
+        if other.calibration and other.calibrated and _identity(other) == _identity(rig):
             digest = other.calibration.sha256
             in_use = rig.calibration is not None and rig.calibration.sha256 == digest
             found.append(Version(path, other.calibrated, digest, in_use))
     return sorted(found, key=lambda one: (one.calibrated.date, str(one.path)), reverse=True)
+
+
+def _identity(rig: Rig) -> tuple[str, str]:
+    """The name and the serial number of a robot, by which it is another or the same."""
+    return rig.robot.name, rig.robot.serial
 
 
 @dataclass(frozen=True)
@@ -72,14 +85,14 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
         raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
     if other.calibration is None or other.calibrated is None:
         raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
-    if (other.robot.name, other.robot.serial) != (rig.robot.name, rig.robot.serial):
+    if _identity(other) != _identity(rig):
         what = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
         raise FileError(str(version), what, "name a version of this robot")
     content = other.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)
     new = extended(other_text, (), str(version), named)
-    kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S}{rig_file.suffix}")
+    kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S.%f}{rig_file.suffix}")
     write_all_new(rig_file.parent, {kept.name: holding(text.encode())})
     write_all_over(rig_file.parent, {named.file: holding(content)})
     write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})

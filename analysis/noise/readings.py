@@ -3,6 +3,8 @@ values."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,11 @@ _HARMONICS = 5
 """Harmonics of a sawtooth that are used; five contain nine tenths of its energy."""
 _BLOCK = 1 << 16
 """Rows that are processed at a time, so that they fit in the processor's cache."""
+
+
+def rms(values: NDArray[Any]) -> float:
+    """Return the root mean square of values (n, …), in their unit."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def running_median(values: Array) -> Array:

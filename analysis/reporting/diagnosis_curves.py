@@ -13,6 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Curve, Diagnosis, Place
 from analysis.kinematics.arm import Array
+from analysis.noise.readings import rms
 from analysis.reporting.diagnosis_words import runs_of, whole_lap
 
 MEASURED, MODEL, LEFT, GREY = "#d95f02", "#1f5fa8", "#1b7f4b", "#777777"
@@ -81,11 +82,7 @@ def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
 
 def _size(values: Array, part: str) -> float:
     """Root mean square in units of the gauges' noise: a difference has more of it than a mean."""
-    return _rms(values) / float(np.linalg.norm(_PARTS[part]))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return rms(values) / float(np.linalg.norm(_PARTS[part]))
 
 
 def draw_circles(figure: SubFigure, strands: Sequence[Strand], *, effects: bool) -> None:
@@ -109,8 +106,8 @@ def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) ->
     if effects:
         explained = strand.before_um - strand.after_um
         axes.plot(strand.phi_deg, explained, color=MODEL, lw=0.9, label="model with all parts")
-    after = f" → {_rms(strand.after_um):.1f}" if effects else ""
-    title = f"{strand.title}: residual {_rms(strand.before_um):.1f}{after} µm rms"
+    after = f" → {rms(strand.after_um):.1f}" if effects else ""
+    title = f"{strand.title}: residual {rms(strand.before_um):.1f}{after} µm rms"
     axes.set_title(title, fontsize=9, loc="left", fontweight="bold")
     axes.set_ylabel("less the model\nbegun with / µm", fontsize=8)
     _headroom(axes, strand.before_um)

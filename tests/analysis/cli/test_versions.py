@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from analysis.files.versions import versions
+from rigs.errors import FileError
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.handmade_calibration import calibrated_model, written
@@ -32,6 +34,12 @@ def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
     done = ran("versions", now)
     assert "in use" in done.stdout
     assert f"rig compare {now} {march}" in done.stderr.replace("\n", " ")
+
+
+def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.files.versions._MOST", 1)  # private: ten thousand files take long to write
+    with pytest.raises(FileError, match="holds more than 1 YAML files"):
+        versions(robot[0], robot[0].parent)
 
 
 def test_going_back_keeps_what_was(robot: tuple[Path, Path]) -> None:
@@ -67,4 +75,5 @@ def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> N
     assert done.returncode == 3
     assert "another robot" in done.stderr
     assert now.read_bytes() == before
+    assert [one["path"] for one in json.loads(ran("versions", now, "--json").stdout)["versions"]] == [str(now)]
     assert ran("versions", now, "--back-to", now).returncode == 3
