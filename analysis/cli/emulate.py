@@ -10,7 +10,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, maker_option
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
     from daq.service.trust import InstanceLock
@@ -39,9 +39,10 @@ def emulate(
         typer.Option(help="Directory of robot programs that the robot drives by name; default: none."),
     ] = None,
     maker: Annotated[
-        Maker | None,
+        MakerName | None,
         maker_option(
-            "Maker of the controller that drives --programs", "that of the robot feedback, else of the first program"
+            "MakerName of the controller that drives --programs",
+            "that of the robot feedback, else of the first program",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,

@@ -30,7 +30,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import FEWEST_AXES, Maker
+from rigs.schema.vocabulary import FEWEST_AXES, MakerName
 
 NO_PROGRAMS = Programs()
 
@@ -79,7 +79,7 @@ class Corrections:
 def correct_rig(
     rig: Rig,
     path: Path | None,
-    controller: Maker | None = None,
+    controller: MakerName | None = None,
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,

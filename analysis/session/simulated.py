@@ -32,7 +32,6 @@ from daq.simulated.cell import SimulatedCell
 from daq.simulated.clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden
-from rigs.schema.vocabulary import MAKERS
 
 _INFERENCE_S = 20.0
 """Simulated seconds of an inference. Measured: 10 to 25 s for four to twelve runs, on a core of two that are busy."""
@@ -61,9 +60,7 @@ class SimulatedChild:
         child = cls(
             cell,
             robot,
-            Pendant(
-                hidden, Path(options["--programs"]), next(maker for maker in MAKERS if maker == str(options["--for"]))
-            ),
+            Pendant(hidden, Path(options["--programs"]), str(options["--for"])),
             log,
         )
         with time_of_cell.process("cell"):
