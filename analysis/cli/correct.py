@@ -36,9 +36,7 @@ _Targets = Annotated[
 ]
 _Maker = Annotated[
     MakerName | None,
-    maker_option(
-        "MakerName of the controller whose parameters are written", "that of the robot feedback in the rig file"
-    ),
+    maker_option("Maker of the controller whose parameters are written", "that of the robot feedback in the rig file"),
 ]
 _Scale = Annotated[
     str | None,
@@ -64,8 +62,8 @@ _Tools = Annotated[
     typer.Option(
         "--tool",
         metavar="NAME=FRAME",
-        help="Tool that a program only names or numbers (tcp for UR): X,Y,Z,RX,RY,RZ from the flange in mm and degrees "
-        "about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
+        help="Tool that a program only names or numbers (tcp in a script): X,Y,Z,RX,RY,RZ from the flange in mm and "
+        "degrees about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
     ),
 ]
 _Frames = Annotated[

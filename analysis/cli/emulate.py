@@ -41,7 +41,7 @@ def emulate(
     maker: Annotated[
         MakerName | None,
         maker_option(
-            "MakerName of the controller that drives --programs",
+            "Maker of the controller that drives --programs",
             "that of the robot feedback, else of the first program",
         ),
     ] = None,

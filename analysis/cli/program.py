@@ -21,10 +21,10 @@ _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
 
 
-@command(app, "rig program ur10e --for ur --test yaw -o programs")
+@command(app, "rig program paper-fanuc --for fanuc --test yaw -o programs")
 def program(
     rig_file: RigArgument,
-    maker: Annotated[MakerName, maker_option("MakerName of the controller")],
+    maker: Annotated[MakerName, maker_option("Maker of the controller")],
     test: Annotated[
         ProgramTest,
         typer.Option(

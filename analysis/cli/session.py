@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _MINUTES, _WAIT_MIN = 50.0, 15.0
 
 
-@command(app, "rig session cell.yaml --for ur")
+@command(app, "rig session cell.yaml --for kuka")
 def session(
     rig_file: RigArgument,
     minutes: Annotated[
@@ -38,7 +38,7 @@ def session(
         ),
     ] = "faults",
     maker: Annotated[
-        MakerName | None, maker_option("MakerName of the controller", "that of the feedback, or of the robot's name")
+        MakerName | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
     ] = None,
     directory: Annotated[
         Path | None,

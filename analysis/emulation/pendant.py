@@ -20,14 +20,15 @@ from scipy.spatial.transform import Rotation
 from analysis.emulation.controller import Controller
 from analysis.emulation.driving import Driven, drive
 from analysis.kinematics.arm import Array, arm_of
-from analysis.makers import MOST_BYTES, maker_by, maker_of_file, program_texts
+from analysis.makers import maker_by, maker_of_file
 from analysis.makers.emulated import Machine, Pose, ProgramError
+from analysis.makers.reading import MOST_BYTES, program_texts
 from analysis.simulation.emulated_robot import Trace, trace_along
 from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.rig import Rig
-from rigs.schema.feedback import URRTDE
-from rigs.schema.vocabulary import CIRCLES, MAKERS, DrivenTest, MakerName, maker_of, offered_makers
+from rigs.schema.feedback import signal_of_outputs
+from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, makers
 from rigs.yaml_text import read_yaml
 
 _SHORTEST = 8
@@ -133,9 +134,7 @@ class Pendant:
             raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
-        before = self._of(
-            next((candidate for candidate in (*MAKERS, *offered_makers()) if candidate == name), None), str(path)
-        )
+        before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
@@ -161,7 +160,7 @@ class Pendant:
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as
         the rig file orders them; or that of the register which it names."""
-        place = self._rig.feedback.signal if isinstance(self._rig.feedback, URRTDE) else None
+        place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)
         order = list(place.outputs if place else dict.fromkeys(output for _, output, _ in driven.outputs))

@@ -24,19 +24,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigs.errors import FileError, UseError
-from rigs.files import read_bytes
-from rigs.schema.vocabulary import MAKERS, MakerName, offered_makers
+from rigs.errors import UseError
+from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
 
 if TYPE_CHECKING:
     from analysis.makers.emulated import ProgramDriver
     from analysis.makers.reading import ProgramReader
     from analysis.makers.writing import ProgramWriter
-
-MOST_BYTES = 10_000_000
-"""A program with a hundred thousand targets is below it; controllers hold less."""
-ENCODING = "latin-1"
-"""Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
 
 
 @dataclass(frozen=True)
@@ -179,13 +173,13 @@ def maker_by(name: MakerName) -> Maker:
     """Return a maker by its name. Raises UseError for one that neither rig nor another package has."""
     package = f"analysis.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
-        raise UseError(name, "is no maker whose controllers are known", f"give one of {', '.join(MAKERS)}")
+        raise UseError(name, "is no maker whose controllers are known", f"give one of {', '.join(makers())}")
     return Maker(name, package)
 
 
 def _files() -> Iterator[tuple[Maker, ProgramFiles]]:
     """Each maker with the files of its programs; one of another package that cannot be used has none."""
-    for name in (*MAKERS, *offered_makers()):
+    for name in makers():
         maker = maker_by(name)
         try:
             yield maker, maker.files
@@ -200,33 +194,10 @@ def maker_of_file(name: str | Path) -> Maker | None:
 
 
 def suffixes_in_words() -> str:
-    """Return the suffixes of programs, each with its maker."""
+    """Return the suffixes of programs of rig's own makers, each with its maker."""
+    every = [maker_by(name).files for name in MAKERS]
     *first, last = (
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"
-        for _, files in _files()
+        for files in every
     )
     return f"{', '.join(first)} or {last}"
-
-
-def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
-    """Return the maker of a program, and the texts of its files by name, the data list last. Raises FileError for what
-    is no program, or cannot be read."""
-    maker = maker_of_file(path)
-    if maker is None:
-        raise FileError(str(path), "is no robot program that is known here", f"give a program {suffixes_in_words()}")
-    data = maker.files.data
-    beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
-    files = [path, *(file for file in beside if file.exists())][:2]
-    return maker, {file.name: _text(file) for file in files}
-
-
-def _text(path: Path) -> str:
-    try:
-        data = read_bytes(path, MOST_BYTES)
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-    if b"\0" in data:
-        raise FileError(
-            str(path), "is a binary file or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
-        )
-    return data.decode(ENCODING)

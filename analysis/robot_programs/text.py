@@ -52,7 +52,7 @@ def wrapped(text: str, width: int) -> list[str]:
 def fixed_xyz_deg(T: Array) -> Array:
     """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
 
-    FANUC's W, P, R and Yaskawa's Rx, Ry, Rz; KUKA's A, B, C are the same three, the last first.
+    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same three, the last first.
     """
     return np.degrees(roll_pitch_yaw(T))
 

@@ -36,7 +36,7 @@ DWELL_S = 3.0
 ELSEWHERE = "other"
 """The stage at the place that is not used to find errors."""
 FIXED = "-fixed"
-"""What the names of corrected programs end with. With it they have 23 characters, of the 24 that KRL takes."""
+"""What the names of corrected programs end with. With it they have 23 characters, of the 24 that all languages take."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
 _SEPARATING_RUNS = 2
 """Runs in each direction of a test that separates rivals: two, so that its scatter is measured."""

@@ -13,7 +13,7 @@ from analysis.session.state import Place
 from analysis.window.watcher import Watcher
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
-from rigs.schema.vocabulary import MAKERS, MakerName
+from rigs.schema.vocabulary import MakerName, makers
 from rigs.text import plain
 
 _TAIL_BYTES = 4096
@@ -54,7 +54,7 @@ class Controls:
             case "restart":
                 watcher.restart()
             case "session":
-                maker = next((known_maker for known_maker in MAKERS if known_maker == form.get("maker")), None)
+                maker = next((known_maker for known_maker in makers() if known_maker == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 return None

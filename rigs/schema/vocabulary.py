@@ -51,6 +51,11 @@ def offered_makers() -> dict[MakerName, str]:
     return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
 
 
+def makers() -> tuple[MakerName, ...]:
+    """Return all makers, those of other packages last."""
+    return (*MAKERS, *offered_makers())
+
+
 def maker_named(word: str) -> MakerName | None:
     """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
     word."""
@@ -63,7 +68,7 @@ def maker_named(word: str) -> MakerName | None:
 
 def maker_of(interface: str) -> MakerName | None:
     """Return the maker whose controllers speak a feedback interface, which is named after it; None for any maker's."""
-    return next((maker for maker in (*MAKERS, *offered_makers()) if interface.startswith(f"{maker}_")), None)
+    return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
 Build = Literal["industrial", "light", "torque_sensing"]

@@ -9,12 +9,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from analysis.makers import ENCODING, MOST_BYTES, Maker, program_texts
+from analysis.makers import Maker, maker_of_file, suffixes_in_words
 from analysis.makers.reading.numbers import Decimals
 from analysis.makers.reading.target import Parsed, Texts
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
+MOST_BYTES = 10_000_000
+"""A program with a hundred thousand targets is below it; controllers hold less."""
+ENCODING = "latin-1"
+"""Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
 _MOST_BESIDE = 500
 """Programs of a controller's backup are some hundred."""
 
@@ -43,6 +47,30 @@ class ProgramReader:
     null_frames: tuple[str, ...] = ()
     of_world: bool = False
     beside: tuple[str, ...] = ()
+
+
+def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
+    """Return the maker of a program, and the texts of its files by name, the data list last. Raises FileError for what
+    is no program, or cannot be read."""
+    maker = maker_of_file(path)
+    if maker is None:
+        raise FileError(str(path), "is no robot program that is known here", f"give a program {suffixes_in_words()}")
+    data = maker.files.data
+    beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
+    files = [path, *(file for file in beside if file.exists())][:2]
+    return maker, {file.name: _text(file) for file in files}
+
+
+def _text(path: Path) -> str:
+    try:
+        data = read_bytes(path, MOST_BYTES)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    if b"\0" in data:
+        raise FileError(
+            str(path), "is a binary file or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
+        )
+    return data.decode(ENCODING)
 
 
 def read_program(path: Path) -> tuple[Maker, Texts]:
