@@ -60,11 +60,10 @@ def emulate(
     import signal
     from queue import SimpleQueue
 
-    from analysis.emulation.cell_files import write_cell_files
     from analysis.emulation.keyboard import Keyboard
     from analysis.emulation.pendant import Pendant
     from analysis.setup.dialogue import has_keyboard
-    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, write_cell_files
     from daq.emulators import emulated
     from rigs.errors import FileError, UseError
     from rigs.load import load, load_hidden, named_by
@@ -118,7 +117,7 @@ def locked_cell(directory: Path) -> InstanceLock:
 def rig_file_of_cell(directory: Path) -> Path:
     """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
     FileError for any other rig file."""
-    from analysis.emulation.cell_files import RIG, TRUTH
+    from analysis.simulation.emulated_robot import RIG, TRUTH
     from rigs.errors import FileError
 
     path = directory / RIG

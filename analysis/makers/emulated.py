@@ -43,6 +43,40 @@ class ProgramError(Exception):
     """A controller would refuse this program."""
 
 
+@dataclass
+class Tokens:
+    """The tokens of a program, each with its kind, of which those before `at` were taken."""
+
+    items: list[tuple[str, str]]
+    at: int = 0
+
+    @classmethod
+    def of(cls, text: str, token: re.Pattern[str], language: str) -> Tokens:
+        """Return the tokens of a text by a pattern whose groups are kinds, those of no kind and of the kind `skip` left
+        out. Raises ProgramError for a text that is not of the language."""
+        items, at = [], 0
+        while at < len(text):
+            match = token.match(text, at)
+            if not match:
+                raise ProgramError(f"{text[at : at + 20]!r} is not {language}")
+            if match.lastgroup not in (None, "skip"):
+                items.append((str(match.lastgroup), match[0]))
+            at = match.end()
+        return cls(items)
+
+    def peek(self) -> tuple[str, str]:
+        """Return kind and text of the next token, ("over", "") behind the last."""
+        return self.items[self.at] if self.at < len(self.items) else ("over", "")
+
+    def take(self, *expected: str) -> str:
+        """Take the next token, of one of some kinds or texts. Raises ProgramError for any other."""
+        kind, text = self.peek()
+        if kind not in expected and text not in expected:
+            raise ProgramError(f"{repr(text) if text else 'the end'} stands where {' or '.join(expected)} is expected")
+        self.at += 1
+        return text
+
+
 @dataclass(frozen=True)
 class Posture:
     """What a position says of the arm's posture, in words that follow from the joint angles alone.

@@ -14,12 +14,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.constants import CONSTANTS, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import Support
+from analysis.correction.support import CONSTANTS, Support, corrected_table
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by

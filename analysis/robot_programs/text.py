@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.kinematics.arm import Array, roll_pitch_yaw
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.plan import Plan, start_of
+from analysis.robot_programs.plan import Comment, Dwell, Hold, Move, Plan, Signal, Step, start_of
 from rigs.errors import FileError
 
 MM_DECIMALS = 7
@@ -47,6 +48,37 @@ def wrapped(text: str, width: int) -> list[str]:
     """A comment in lines of `width` characters at most, in ASCII."""
     plain = text.replace("°", " deg").replace("…", "to").encode("ascii", "replace").decode()
     return textwrap.wrap(plain, width)
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a language says what is no move, {} for its number or text: to wait for seconds of so many decimals, an
+    output on and off, a remark of `width` characters, and to wait for a person below a remark that says what for."""
+
+    wait: str
+    decimals: int
+    on: str
+    off: str
+    remark: str
+    width: int
+    hold: str
+
+    def remarks(self, *texts: str) -> list[str]:
+        """Return texts as remarks."""
+        return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
+
+    def lines(self, plan: Plan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
+        """Return the lines of a step, those of a move as the language has them."""
+        match step:
+            case Dwell(seconds):
+                return [self.wait.format(fixed(seconds, self.decimals))]
+            case Signal(value):
+                return [(self.on if on else self.off).format(number) for number, on in plan.signal_place.bits(value)]
+            case Hold(request):
+                return [*self.remarks(request), self.hold]
+            case Comment(text):
+                return self.remarks(text)
+        return move(step)
 
 
 def fixed_xyz_deg(T: Array) -> Array:

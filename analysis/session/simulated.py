@@ -19,13 +19,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from analysis.emulation.cell_files import write_cell_files
 from analysis.emulation.keyboard import Keyboard
 from analysis.emulation.pendant import Pendant
 from analysis.session.answer import Inference
 from analysis.session.cell import Rigd
 from analysis.session.state import Answer
-from analysis.simulation.emulated_robot import EmulatedRobot
+from analysis.simulation.emulated_robot import EmulatedRobot, write_cell_files
 from daq import clock
 from daq.emulators import as_emulated
 from daq.simulated.cell import SimulatedCell

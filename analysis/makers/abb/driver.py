@@ -6,7 +6,6 @@ has 32 characters at most."""
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from analysis.makers.emulated import (
     ProgramError,
     Speed,
     Switched,
+    Tokens,
     Turning,
 )
 
@@ -40,74 +40,46 @@ _KINDS = {
 """What stands in each kind of data: b a boolean, n a number, t a text, p a pose."""
 
 
-@dataclass
-class _Tokens:
-    items: list[tuple[str, str]]
-    at: int = 0
-
-    def peek(self) -> str:
-        return self.items[self.at][1] if self.at < len(self.items) else ""
-
-    def take(self, *expected: str) -> str:
-        if self.at == len(self.items):
-            raise ProgramError(f"the module ends where {' or '.join(expected)} is expected")
-        kind, text = self.items[self.at]
-        if kind not in expected and text not in expected:
-            raise ProgramError(f"{text!r} stands where {' or '.join(expected)} is expected")
-        self.at += 1
-        return text
-
-    def name(self) -> str:
-        name = self.take("name")
-        if len(name) > 32:
-            raise ProgramError(f"{name} has more than 32 characters")
-        return name
-
-
 def run(text: str, _: str, machine: Machine) -> None:
     """Drive the machine with a module. Raises ProgramError for one that is refused."""
     if "\r\n" not in text or any(len(line) > 250 for line in text.split("\r\n")):
         raise ProgramError("lines end with CR LF and have 250 characters at most")
-    tokens = _Tokens(list(_tokens(text)))
+    tokens = Tokens.of(text, _TOKEN, "RAPID")
     tokens.take("MODULE")
-    module = tokens.name()
+    module = _name(tokens)
     data: dict[str, Any] = {}
-    while tokens.peek() == "LOCAL":
+    while tokens.peek()[1] == "LOCAL":
         _declaration(tokens, data)
     tokens.take("PROC")
-    if tokens.name() in {module, *data}:
+    if _name(tokens) in {module, *data}:
         raise ProgramError("a procedure needs a name of its own")
     tokens.take("(")
     tokens.take(")")
     controller = _Controller(data, machine)
-    while tokens.peek() != "ENDPROC":
+    while tokens.peek()[1] != "ENDPROC":
         # The name and the arguments of an instruction; switches and optional arguments as they stand.
-        words = [tokens.name()]
-        while tokens.peek() != ";":
+        words = [_name(tokens)]
+        while tokens.peek()[1] != ";":
             words.append(tokens.take("name", "number", "text", ",", "\\", ":="))
         tokens.take(";")
         controller.do(words)
     tokens.take("ENDPROC")
     tokens.take("ENDMODULE")
-    if tokens.peek():
+    if tokens.peek()[1]:
         raise ProgramError("something follows the module")
 
 
-def _tokens(text: str) -> Any:
-    at = 0
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if not match:
-            raise ProgramError(f"{text[at : at + 20]!r} is not RAPID")
-        if match.lastgroup != "skip":
-            yield str(match.lastgroup), match[0]
-        at = match.end()
+def _name(tokens: Tokens) -> str:
+    name = tokens.take("name")
+    if len(name) > 32:
+        raise ProgramError(f"{name} has more than 32 characters")
+    return name
 
 
-def _declaration(tokens: _Tokens, data: dict[str, Any]) -> None:
+def _declaration(tokens: Tokens, data: dict[str, Any]) -> None:
     tokens.take("LOCAL")
     storage = tokens.take("CONST", "PERS", "VAR")
-    kind, name = tokens.name(), tokens.name()
+    kind, name = _name(tokens), _name(tokens)
     if name in data:
         raise ProgramError(f"{name} is declared twice")
     if storage == "VAR":
@@ -125,16 +97,16 @@ def _declaration(tokens: _Tokens, data: dict[str, Any]) -> None:
     tokens.take(";")
 
 
-def _value(tokens: _Tokens) -> Any:
-    if tokens.peek() == "[":
+def _value(tokens: Tokens) -> Any:
+    if tokens.peek()[1] == "[":
         tokens.take("[")
         values = [_value(tokens)]
-        while tokens.peek() == ",":
+        while tokens.peek()[1] == ",":
             tokens.take(",")
             values.append(_value(tokens))
         tokens.take("]")
         return values
-    if tokens.peek() in ("TRUE", "FALSE"):
+    if tokens.peek()[1] in ("TRUE", "FALSE"):
         return tokens.take("name") == "TRUE"
     text = tokens.take("number", "text")
     return text if text[0] == '"' else float(text)

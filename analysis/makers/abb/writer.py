@@ -15,25 +15,20 @@ from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     Arc,
-    Comment,
-    Dwell,
-    Hold,
     JointMove,
     Line,
     Move,
     Plan,
-    Signal,
-    Step,
     Turn,
     start_of,
     turns_with_path,
 )
-from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, heading, identifier, listed, wrapped
+from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, Words, fixed, heading, identifier, listed
 from rigs.schema.feedback import ABBEGM
 
 _NAME_LENGTH = 30
 """A name has 32 characters, and the module's has two more than the procedure's."""
-_WIDTH = 76
+_WORDS = Words("WaitTime\\InPos,{};", 3, "SetDO rig_do{},1;", "SetDO rig_do{},0;", "! {}", 76, "Stop;")
 """A line of RAPID has 80 characters in the editor of the FlexPendant."""
 _QUATERNION_DECIMALS = 12
 _NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
@@ -49,8 +44,12 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The module, with LOCAL data, so that several can be loaded together."""
     name = identifier(plan.name, _NAME_LENGTH)
     data: dict[str, str] = {}
-    comments = [f"  ! {line}" for text in heading(plan, demand, _shown(plan)) for line in wrapped(text, _WIDTH)]
-    moves = [f"    {line}" for step in plan.steps for line in _lines(plan, step, data)]
+    comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, _shown(plan)))]
+
+    def move(step: Move) -> list[str]:
+        return [_move(step, data)]
+
+    moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, move)]
     declared = [f"  LOCAL CONST {text.replace('@', item)};" for text, item in data.items()]
     stream = isinstance(plan.feedback, ABBEGM)
     identity = ["  LOCAL VAR egmident rig_stream;"] if stream else []
@@ -93,20 +92,6 @@ def _shown(plan: Plan) -> str:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
     return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 " + " ".join(f"{value:.4f}" for value in _quaternion(T))
-
-
-def _lines(plan: Plan, step: Step, data: dict[str, str]) -> list[str]:
-    match step:
-        case JointMove() | Line() | Turn() | Arc():
-            return [_move(step, data)]
-        case Dwell(seconds):
-            return [f"WaitTime\\InPos,{fixed(seconds, 3)};"]
-        case Signal(value):
-            return [f"SetDO rig_do{number},{int(on)};" for number, on in plan.signal_place.bits(value)]
-        case Hold(request):
-            return [f"! {request}", "Stop;"]
-        case Comment(text):
-            return [f"! {line}" for line in wrapped(text, _WIDTH)]
 
 
 def _move(step: Move, data: dict[str, str]) -> str:

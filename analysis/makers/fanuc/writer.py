@@ -22,23 +22,18 @@ from analysis.makers.writing import BY_ITSELF, ProgramWriter
 from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     Arc,
-    Comment,
-    Dwell,
-    Hold,
     JointMove,
     Line,
     Move,
     Plan,
-    Signal,
     SignalPlace,
-    Step,
     Target,
     Turn,
     percent_of_axes,
     start_of,
 )
 from analysis.robot_programs.posture import posture_of, turns
-from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, fixed_xyz_deg, heading, identifier, wrapped
+from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, Words, fixed, fixed_xyz_deg, heading, identifier
 from rigs.errors import FileError
 from rigs.schema.condition import CONDITION
 from rigs.schema.feedback import SIGNAL, FANUCStreamMotion, LineFeed
@@ -127,7 +122,7 @@ def _signal(place: SignalPlace) -> str:
 
 
 _NAME_LENGTH = 36
-_REMARK_LENGTH = 32
+_WORDS = Words("  WAIT {}(sec)", 2, "  DO[{}]=ON", "  DO[{}]=OFF", "  !{}", 32, "  PAUSE")
 TOOL_NUMBER = 9
 """The last tool frame that every controller has."""
 _REGISTER = 99
@@ -138,8 +133,12 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program, and the feed of its joint angles where the rig file reads lines."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
-    remarks = [f"  !{line}" for text in heading(plan, demand, _shown(plan)) for line in wrapped(text, _REMARK_LENGTH)]
-    moves = [line for step in plan.steps for line in _lines(plan, step, positions)]
+    remarks = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+
+    def move(step: Move) -> list[str]:
+        return [_move(plan.arm, step, positions)]
+
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, move)]
     return {f"{name}.LS": _program(name, [*remarks, *_frames(plan.arm), *moves], positions), **feed(plan)}
 
 
@@ -174,20 +173,6 @@ def _shown(plan: Plan) -> str:
     x, y, z = T[:3, 3]
     w, p, r = fixed_xyz_deg(T)
     return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
-
-
-def _lines(plan: Plan, step: Step, positions: dict[str, int]) -> list[str]:
-    match step:
-        case JointMove() | Line() | Turn() | Arc():
-            return [_move(plan.arm, step, positions)]
-        case Dwell(seconds):
-            return [f"  WAIT {fixed(seconds, 2)}(sec)"]
-        case Signal(value):
-            return [f"  DO[{number}]={'ON' if on else 'OFF'}" for number, on in plan.signal_place.bits(value)]
-        case Hold(request):
-            return [*(f"  !{line}" for line in wrapped(request, _REMARK_LENGTH)), "  PAUSE"]
-        case Comment(text):
-            return [f"  !{line}" for line in wrapped(text, _REMARK_LENGTH)]
 
 
 def _move(arm: Arm, step: Move, positions: dict[str, int]) -> str:

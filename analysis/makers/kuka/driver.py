@@ -22,6 +22,7 @@ from analysis.makers.emulated import (
     ProgramError,
     Speed,
     Switched,
+    Tokens,
     Turning,
 )
 
@@ -54,19 +55,7 @@ def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list
     if head is None or filled[0] != "&ACCESS RVP" or filled[-1] != closing:
         raise ProgramError(f"no {opening} … {closing}")
     _named(head[1])
-    return head[1], [_tokens(line) for line in filled[2:-1]]
-
-
-def _tokens(line: str) -> list[str]:
-    tokens, at = [], 0
-    while at < len(line):
-        match = _TOKEN.match(line, at)
-        if not match:
-            raise ProgramError(f"{line[at:]!r} is not KRL")
-        if match.lastgroup:
-            tokens.append(match[0])
-        at = match.end()
-    return tokens
+    return head[1], [[text for _, text in Tokens.of(line, _TOKEN, "KRL").items] for line in filled[2:-1]]
 
 
 def _named(name: str) -> str:

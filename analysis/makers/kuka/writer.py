@@ -17,26 +17,21 @@ from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
-    Comment,
-    Dwell,
-    Hold,
     JointMove,
     Line,
     Move,
     Plan,
-    Signal,
-    Step,
     Turn,
     percent_of_axes,
     start_of,
     turns_with_path,
 )
-from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, fixed, fixed_xyz_deg, heading, identifier, wrapped
+from analysis.robot_programs.text import DEG_DECIMALS, MM_DECIMALS, Words, fixed, fixed_xyz_deg, heading, identifier
 from rigs.schema.feedback import KUKARSI
 
 _NAME_LENGTH = 24
 """Every name in KRL has so many characters at most."""
-_WIDTH = 100
+_WORDS = Words("WAIT SEC {}", 3, "$OUT[{}] = TRUE", "$OUT[{}] = FALSE", "; {}", 100, "HALT")
 _FIRST_MM_S = 100.0
 """Speed of the tool until a move sets its own; a turn about the tool's origin has none."""
 RSI_CONTEXT = "rig_rsi"
@@ -47,8 +42,12 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program and its data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
-    comments = [f"; {line}" for text in heading(plan, demand, _shown(plan)) for line in wrapped(text, _WIDTH)]
-    moves = [line for step in plan.steps for line in _lines(plan, step, points)]
+    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+
+    def move(step: Move) -> list[str]:
+        return _move(plan.arm, step, points)
+
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, move)]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
     steps = _without_repeats([*_settings(plan), *(_sensor_on() if sensor else []), *moves])
@@ -95,20 +94,6 @@ def _shown(plan: Plan) -> str:
     x, y, z = T[:3, 3]
     c, b, a = fixed_xyz_deg(T)
     return f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
-
-
-def _lines(plan: Plan, step: Step, points: dict[str, str]) -> list[str]:
-    match step:
-        case JointMove() | Line() | Turn() | Arc():
-            return _move(plan.arm, step, points)
-        case Dwell(seconds):
-            return [f"WAIT SEC {fixed(seconds, 3)}"]
-        case Signal(value):
-            return [f"$OUT[{number}] = {'TRUE' if on else 'FALSE'}" for number, on in plan.signal_place.bits(value)]
-        case Hold(request):
-            return [f"; {request}", "HALT"]
-        case Comment(text):
-            return [f"; {line}" for line in wrapped(text, _WIDTH)]
 
 
 def _move(arm: Arm, step: Move, points: dict[str, str]) -> list[str]:

@@ -5,7 +5,6 @@ position of pose_to is used."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +21,7 @@ from analysis.makers.emulated import (
     Shown,
     Speed,
     Switched,
+    Tokens,
     Turning,
 )
 
@@ -46,37 +46,6 @@ _OUTPUTS = {"set_standard_digital_out": (0, 8), "set_configurable_digital_out": 
 
 
 @dataclass
-class _Tokens:
-    items: list[tuple[str, str]]
-    at: int = 0
-
-    def peek(self) -> tuple[str, str]:
-        return self.items[self.at] if self.at < len(self.items) else ("over", "")
-
-    def take(self, *expected: str) -> str:
-        kind, text = self.peek()
-        if kind not in expected and text not in expected:
-            raise ProgramError(f"{text!r} stands where {' or '.join(expected)} is expected")
-        self.at += 1
-        return text
-
-    def blank(self) -> None:
-        while self.peek()[0] == "end":
-            self.at += 1
-
-
-def _tokens(text: str) -> Iterator[tuple[str, str]]:
-    at = 0
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if not match:
-            raise ProgramError(f"{text[at : at + 20]!r} is not URScript")
-        if match.lastgroup != "skip":
-            yield str(match.lastgroup), match[0]
-        at = match.end()
-
-
-@dataclass
 class _Call:
     name: str
     arguments: dict[str, Any] = field(default_factory=dict)
@@ -84,8 +53,8 @@ class _Call:
 
 def run(text: str, _: str, machine: Machine) -> None:
     """Drive the machine with a script. Raises ProgramError for one that is refused."""
-    tokens = _Tokens(list(_tokens(text)))
-    tokens.blank()
+    tokens = Tokens.of(text, _TOKEN, "URScript")
+    _blank(tokens)
     tokens.take("def")
     name = tokens.take("name")
     for mark in ("(", ")", ":"):
@@ -93,26 +62,31 @@ def run(text: str, _: str, machine: Machine) -> None:
     tokens.take("end")
     calls = []
     while True:
-        tokens.blank()
+        _blank(tokens)
         if tokens.peek() == ("name", "end"):
             break
         calls.append(_call(tokens))
         if tokens.take("end") != "\n":
             raise ProgramError("a statement ends with its line")
     tokens.take("name")
-    tokens.blank()
+    _blank(tokens)
     if tokens.take("name") != name:
         raise ProgramError("the function is not called")
     for mark in ("(", ")"):
         tokens.take(mark)
-    tokens.blank()
+    _blank(tokens)
     if tokens.peek()[0] != "over":
         raise ProgramError("something follows the program")
     for call in calls:
         _do(call, machine)
 
 
-def _call(tokens: _Tokens) -> _Call:
+def _blank(tokens: Tokens) -> None:
+    while tokens.peek()[0] == "end":
+        tokens.at += 1
+
+
+def _call(tokens: Tokens) -> _Call:
     call = _Call(tokens.take("name"))
     if call.name not in _PARAMETERS:
         raise ProgramError(f"{call.name} is not known")
@@ -132,7 +106,7 @@ def _call(tokens: _Tokens) -> _Call:
     return call
 
 
-def _value(tokens: _Tokens) -> Any:
+def _value(tokens: Tokens) -> Any:
     kind, _ = tokens.peek()
     if kind in ("pose", "mark"):
         tokens.take("pose", "[")

@@ -19,15 +19,10 @@ from analysis.makers.writing import ProgramWriter
 from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     Arc,
-    Comment,
-    Dwell,
-    Hold,
     JointMove,
     Line,
     Move,
     Plan,
-    Signal,
-    Step,
     Target,
     Turn,
     end_of,
@@ -35,10 +30,10 @@ from analysis.robot_programs.plan import (
     start_of,
 )
 from analysis.robot_programs.posture import posture_of
-from analysis.robot_programs.text import fixed, fixed_xyz_deg, heading, identifier, listed, wrapped
+from analysis.robot_programs.text import Words, fixed, fixed_xyz_deg, heading, identifier, listed
 
 _NAME_LENGTH = 32
-_COMMENT_LENGTH = 32
+_WORDS = Words("TIMER T={}", 2, "DOUT OT#({}) ON", "DOUT OT#({}) OFF", "'{}", 32, "PAUSE")
 TOOL_NUMBER = 9
 """The tool file into which the person enters the tool's frame."""
 _MM_DECIMALS, _DEG_DECIMALS = 3, 4
@@ -50,7 +45,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
-    comments = [f"'{line}" for text in heading(plan, demand, _shown(plan)) for line in _wrapped(text)]
+    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
     moves = _instructions(plan, positions)
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
@@ -73,29 +68,19 @@ def _grouped(positions: list[str]) -> list[str]:
 def _instructions(plan: Plan, positions: list[str]) -> list[str]:
     lines: list[str] = []
     at, chained = start_of(plan), False
+
+    def move(step: Move) -> list[str]:
+        return _move(plan.arm, step, positions)
+
     for step in plan.steps:
         if isinstance(step, Arc) and not chained:
             speed = _speed(step.speed_mm_s)
             lines += [f"MOVL {_position(plan.arm, at, positions)} {speed} PL=0"]
             lines += [f"MOVC {_position(plan.arm, at, positions)} {speed}"]
-        lines += _lines(plan, step, positions)
+        lines += _WORDS.lines(plan, step, move)
         chained = isinstance(step, Arc) and not step.stops
         at = end_of(step) if isinstance(step, Move) else at
     return lines
-
-
-def _lines(plan: Plan, step: Step, positions: list[str]) -> list[str]:
-    match step:
-        case JointMove() | Line() | Turn() | Arc():
-            return _move(plan.arm, step, positions)
-        case Dwell(seconds):
-            return [f"TIMER T={fixed(seconds, 2)}"]
-        case Signal(value):
-            return [f"DOUT OT#({number}) {'ON' if on else 'OFF'}" for number, on in plan.signal_place.bits(value)]
-        case Hold(request):
-            return [*(f"'{line}" for line in _wrapped(request)), "PAUSE"]
-        case Comment(text):
-            return [f"'{line}" for line in _wrapped(text)]
 
 
 def _move(arm: Arm, step: Move, positions: list[str]) -> list[str]:
@@ -112,10 +97,6 @@ def _move(arm: Arm, step: Move, positions: list[str]) -> list[str]:
             speed = _speed(speed_mm_s)
             middle, last = (_position(arm, target, positions) for target in (via, end))
             return [f"MOVC {middle} {speed}", f"MOVC {last} {speed}{' PL=0' if stops else ''}"]
-
-
-def _wrapped(text: str) -> list[str]:
-    return wrapped(text, _COMMENT_LENGTH)
 
 
 def _speed(speed_mm_s: float) -> str:
