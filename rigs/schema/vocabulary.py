@@ -59,11 +59,14 @@ def makers() -> tuple[MakerName, ...]:
 def maker_named(word: str) -> MakerName | None:
     """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
     word."""
-    letters = "".join(char for char in word.casefold() if char.isalnum())
-    named = {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
-    named |= {maker: maker for maker in offered_makers()}
-    names = [name for name in named if letters.startswith(name)]
+    named = {_letters(maker): maker for maker in offered_makers()}
+    named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
+    names = [name for name in named if _letters(word).startswith(name)]
     return named[max(names, key=len)] if names else None
+
+
+def _letters(word: str) -> str:
+    return "".join(char for char in word.casefold() if char.isalnum())
 
 
 def maker_of(interface: str) -> MakerName | None:
