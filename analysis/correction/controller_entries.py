@@ -41,7 +41,7 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.kinematics.arm import Array, Mask, pose_error
-from analysis.makers import Controller, maker_by
+from analysis.makers import CHECK_LENGTH, Controller, maker_by
 from analysis.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
@@ -269,7 +269,7 @@ def controller_entries(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
     )
     entries = [_entry(rig, controller, scale, *size) for size in sizes]
-    lengths = (controller.check_lengths,) if any(entry.now is not None for entry in entries) else ()
+    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
     left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
     u_mm = frame_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)

@@ -17,9 +17,8 @@ import numpy as np
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error, transform
-from analysis.makers.reading import ProgramReader, as_bytes, read_program
-from analysis.makers.reading.machine import Unknown
-from analysis.makers.reading.numbers import (
+from analysis.makers.machine import Unknown
+from analysis.makers.numbers import (
     frame_numbers,
     frame_of,
     is_frame,
@@ -28,8 +27,9 @@ from analysis.makers.reading.numbers import (
     replaced,
     written,
 )
-from analysis.makers.reading.postures import agreeing, solved
-from analysis.makers.reading.target import Left, Named, Number, Parsed, Reason, Target, Texts
+from analysis.makers.postures import agreeing, solved
+from analysis.makers.reading import ProgramReader, as_bytes, read_program
+from analysis.makers.target import Left, Named, Number, Parsed, Reason, Target, Texts
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose, Robot
@@ -228,27 +228,18 @@ class _Located:
 
 
 def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
-    tool, frame = (
-        _known(place, named, null)
-        for place, named, null in (
-            (target.tool, frames.tools, reader.null_tools),
-            (target.frame, frames.frames, () if _hangs(arm, reader) else reader.null_frames),
-        )
-    )
+    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of its foot
+    tool = _known(target.tool, frames.tools, reader.null_tools)
+    frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
     if frame is None or tool is None:
         return _Located(np.eye(4), np.eye(4), "unknown_tool" if tool is None else "unknown_frame")
     return _Located(tool, frame)
 
 
-def _hangs(arm: Arm, reader: ProgramReader) -> bool:
-    """Whether the frame that is nothing is the cell's, and cannot be that of the robot's foot."""
-    return reader.of_world and bool(arm.T_world_base[2, 2] < 1 - 1e-6)
-
-
-def _known(place: Array | str, named: object, null: tuple[str, ...]) -> Array | None:
+def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]) -> Array | None:
     if not isinstance(place, str):
         return place
-    stated: Array | None = named.get(place.lower())  # type: ignore[attr-defined]
+    stated = named.get(place.lower())
     return np.eye(4) if stated is None and place in null else stated
 
 

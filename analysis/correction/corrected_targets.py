@@ -26,7 +26,7 @@ from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, 
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
-from analysis.makers.reading.target import Reason
+from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of

@@ -150,7 +150,8 @@ class Pendant:
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _driven(self, files: LoadedProgram, controller: Controller, test: DrivenTest) -> Driven:
-        tool = _pose_of(self._rig) if maker_by(files.maker).driver.tool_entered else None
+        T = arm_of(self._rig.robot).T_flange_tool
+        tool = Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if maker_by(files.maker).driver.tool_entered else None
         machine = Machine(controller.flange, tool)
         interpret(files.maker, files.texts, machine)
         place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
@@ -179,9 +180,3 @@ def _test_of(path: Path) -> DrivenTest:
         problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
         raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
     return tests[0]
-
-
-def _pose_of(rig: Rig) -> Pose:
-    """The tool of a rig."""
-    T = arm_of(rig.robot).T_flange_tool
-    return Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3]))

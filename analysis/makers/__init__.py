@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from rigs.errors import UseError
 from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from analysis.makers.emulated import ProgramDriver
     from analysis.makers.reading import ProgramReader
     from analysis.makers.writing import ProgramWriter
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,6 @@ class Controller:
         """What proves that a value was entered with the right sign, before the robot moves."""
         return _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
 
-    @property
-    def check_lengths(self) -> str:
-        """What proves that a length is the one that is meant, where the maker's order of them is not public."""
-        return _CHECK_LENGTH
-
 
 _CHECK_READING = (
     "Check before any motion, since no real controller has tested these signs: at an unchanged posture every corrected "
@@ -109,7 +106,7 @@ _CHECK_MODEL = (
     "those of before; the position of the tool changes."
 )
 
-_CHECK_LENGTH = (
+CHECK_LENGTH = (
     "Check each length before it is changed: the controller's value must be the one given as now, whichever its "
     "sign, and the new one is longer for + and shorter for -. If another value stands there, leave it and hold the "
     "rest by corrected targets."
@@ -119,54 +116,39 @@ LATER = (2, 3, 4, 5, 6)
 
 
 @dataclass(frozen=True)
+class _Answer(Generic[T]):
+    """A value at a place in a maker's package, as "writer.WRITER", and what it means that there is none."""
+
+    place: str
+    lacking: str
+
+    def __get__(self, maker: Maker, owner: type[Maker]) -> T:
+        """Return the value. Raises UseError where the package has none, or one that cannot be used."""
+        module, _, name = f"{maker.package}.{self.place}".rpartition(".")
+        try:
+            answer: T = getattr(import_module(module), name)
+        except Exception as error:
+            if isinstance(error, AttributeError | ModuleNotFoundError) and error.name in (module, name):
+                raise UseError(maker.name, self.lacking, f"{maker.package}.{self.place} would say it") from None
+            if maker.name in MAKERS:
+                raise
+            raise UseError(maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}") from error
+        return answer
+
+
+@dataclass(frozen=True)
 class Maker:
-    """A maker by its name and the package with its answers. Each answer raises UseError where the package has none, or
-    one that cannot be used."""
+    """A maker by its name and the package with its answers."""
 
     name: MakerName
     package: str
-
-    @property
-    def files(self) -> ProgramFiles:
-        """The files of its programs."""
-        answer: ProgramFiles = self._answer("FILES", "it is not known which files its programs have")
-        return answer
-
-    @property
-    def controller(self) -> Controller:
-        """Where zeros and constants are entered."""
-        answer: Controller = self._answer("CONTROLLER", "it is not known where its controllers hold zeros and lengths")
-        return answer
-
-    @property
-    def writer(self) -> ProgramWriter:
-        """How programs are written."""
-        answer: ProgramWriter = self._answer("writer.WRITER", "no programs are written for it")
-        return answer
-
-    @property
-    def reader(self) -> ProgramReader:
-        """What is understood of a program."""
-        answer: ProgramReader = self._answer("reader.READER", "its programs are not read")
-        return answer
-
-    @property
-    def driver(self) -> ProgramDriver:
-        """How an emulated controller drives programs."""
-        answer: ProgramDriver = self._answer("driver.DRIVER", "its controllers are not emulated")
-        return answer
-
-    def _answer(self, place: str, lacking: str) -> Any:
-        """The value at a place in the package, as "writer.WRITER"."""
-        module, _, name = f"{self.package}.{place}".rpartition(".")
-        try:
-            return getattr(import_module(module), name)
-        except Exception as error:
-            if isinstance(error, AttributeError | ModuleNotFoundError) and error.name in (module, name):
-                raise UseError(self.name, lacking, f"{self.package}.{place} would say it") from None
-            if self.name in MAKERS:
-                raise
-            raise UseError(self.name, f"{module} cannot be used: {error}", f"correct {self.package}") from error
+    files: ClassVar[_Answer[ProgramFiles]] = _Answer("FILES", "it is not known which files its programs have")
+    controller: ClassVar[_Answer[Controller]] = _Answer(
+        "CONTROLLER", "it is not known where it holds zeros and lengths"
+    )
+    writer: ClassVar[_Answer[ProgramWriter]] = _Answer("writer.WRITER", "no programs are written for it")
+    reader: ClassVar[_Answer[ProgramReader]] = _Answer("reader.READER", "its programs are not read")
+    driver: ClassVar[_Answer[ProgramDriver]] = _Answer("driver.DRIVER", "its controllers are not emulated")
 
 
 def maker_by(name: MakerName) -> Maker:

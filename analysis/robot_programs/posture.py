@@ -44,7 +44,8 @@ def turns(q_rad: float) -> int:
 
 
 def wrist_in_front(arm: Arm, q: Array) -> bool:
-    """Whether the wrist lies at positive x of the frame that turns with axis 1 and is the base's frame at zero."""
+    """Whether at joint angles q (6,) rad the wrist lies at positive x of the frame that turns with axis 1 and is the
+    base's frame at zero."""
     frames = link_frames(arm, np.stack([q, np.zeros(6)]))
     turned = frames[0, 0, :3, :3] @ frames[1, 0, :3, :3].T
     forward = turned @ arm.T_world_base[:3, 0]
@@ -52,7 +53,8 @@ def wrist_in_front(arm: Arm, q: Array) -> bool:
 
 
 def beyond_stretch(arm: Arm, q: Array) -> bool:
-    """Whether axis 3 stands at a larger angle than the one at which shoulder, elbow and wrist are in a line."""
+    """Whether at joint angles q (6,) rad axis 3 stands at a larger angle than the one at which shoulder, elbow and
+    wrist are in a line."""
     _, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
     lower, upper = elbow[:3, 3] - shoulder[:3, 3], wrist[:3, 3] - elbow[:3, 3]
     return bool(arm.coupling[2, 2] * (np.cross(lower, upper) @ elbow[:3, 2]) >= 0)

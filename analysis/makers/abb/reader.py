@@ -14,11 +14,11 @@ from typing import Literal
 import numpy as np
 
 from analysis.makers.abb.statements import Reader, literal_frames, read_module
+from analysis.makers.machine import OFF, Call, Program, Set, Unknown, Value
+from analysis.makers.numbers import Decimals
+from analysis.makers.points import Points, as_value
 from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.reading.machine import OFF, Call, Program, Set, Unknown, Value
-from analysis.makers.reading.numbers import Decimals
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.makers.reading.machine import (
+from analysis.makers.machine import (
     OFF,
     Blocks,
     Call,
@@ -30,9 +30,9 @@ from analysis.makers.reading.machine import (
     Unknown,
     Value,
 )
-from analysis.makers.reading.numbers import frame_of, is_frame
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import NUMBER, Flags, Left, Lines, Number, Reason, Target, arguments, words
+from analysis.makers.numbers import frame_of, is_frame
+from analysis.makers.points import Points, as_value
+from analysis.makers.target import NUMBER, Flags, Left, Lines, Number, Reason, Target, arguments, words
 from analysis.robot_programs.posture import beyond_stretch, wrist_in_front
 
 _NUMBER = re.compile(NUMBER)
@@ -517,9 +517,9 @@ def _list(reader: Reader, begin: int, reason: Reason, name: str) -> None:
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return which solutions agree with confdata: the quadrants of axes 1, 4 and 6. cfx, which some arms do not
-    have and then show as 0, only decides between what is left: 4 for a wrist behind axis 1, 2 for one behind the lower
-    arm, 1 for a negative axis 5."""
+    """Return which solutions q (n, 6) rad agree with confdata: the quadrants of axes 1, 4, 6. cfx, which some arms do
+    not have and then show as 0, only decides between what is left: 4 for a wrist behind axis 1, 2 for one behind the
+    lower arm, 1 for a negative axis 5."""
     low = np.array(values[:3]) * np.pi / 2
     turned = q[:, [0, 3, 5]]
     good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)

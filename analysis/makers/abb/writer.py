@@ -7,6 +7,8 @@ ConfL\\Off lines and arcs keep the arm's posture, whatever a target's confdata s
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from analysis.kinematics.arm import Array
@@ -45,17 +47,16 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     name = identifier(plan.name, _NAME_LENGTH)
     data: dict[str, str] = {}
     comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, _shown(plan)))]
-
-    def move(step: Move) -> list[str]:
-        return [_move(step, data)]
-
-    moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, move)]
+    moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, data))]
     declared = [f"  LOCAL CONST {text.replace('@', item)};" for text, item in data.items()]
-    stream = isinstance(plan.feedback, ABBEGM)
-    identity = ["  LOCAL VAR egmident rig_stream;"] if stream else []
-    body = [*_settings(plan), *(_stream_on() if stream else []), *moves]
-    body += ["    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"] if stream else []
-    module = [f"MODULE {name}_m", *comments, _tool(plan), _BASE, *identity, *declared, f"  PROC {name}()", *body]
+    identity: list[str] = []
+    if isinstance(plan.feedback, ABBEGM):
+        identity = ["  LOCAL VAR egmident rig_stream;"]
+        setup = '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;'
+        begin = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
+        moves = [*begin, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
+    head = [f"MODULE {name}_m", *comments, _tool(plan), _BASE, *identity, *declared, f"  PROC {name}()"]
+    module = [*head, *_settings(plan), *moves]
     return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
 
 
@@ -80,37 +81,29 @@ def _settings(plan: Plan) -> list[str]:
     ]
 
 
-def _stream_on() -> list[str]:
-    return [
-        "    EGMGetId rig_stream;",
-        '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;',
-        "    EGMStreamStart rig_stream\\SampleRate:=4;",
-    ]
-
-
 def _shown(plan: Plan) -> str:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
     return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 " + " ".join(f"{value:.4f}" for value in _quaternion(T))
 
 
-def _move(step: Move, data: dict[str, str]) -> str:
+def _move(data: dict[str, str], step: Move) -> list[str]:
     frames = "rig_tool\\WObj:=rig_base"
     match step:
         case JointMove(target, speed_rad_s):
             joints = f"jointtarget @:=[[{listed(np.degrees(target.q), DEG_DECIMALS)}],{_NO_EXTERNAL}]"
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
-            return f"MoveAbsJ {_named(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"
+            return [f"MoveAbsJ {_named(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"]
         case Line(target, speed_mm_s, stops):
             speed, zone = _speed(speed_mm_s, _TURN_DEG_S, data), "fine" if stops else "z0"
-            return f"MoveL {_point(target.T, data)},{speed},{zone},{frames};"
+            return [f"MoveL {_point(target.T, data)},{speed},{zone},{frames};"]
         case Turn(target, _, speed_rad_s):
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
-            return f"MoveL {_point(target.T, data)},{speed},fine,{frames};"
+            return [f"MoveL {_point(target.T, data)},{speed},fine,{frames};"]
         case Arc(via, end, speed_mm_s, stops):
             points = f"{_point(via.T, data)},{_point(end.T, data)}"
             zone = "fine" if stops else "z0"
-            return f"MoveC {points},{_speed(speed_mm_s, _TURN_DEG_S, data)},{zone},{frames};"
+            return [f"MoveC {points},{_speed(speed_mm_s, _TURN_DEG_S, data)},{zone},{frames};"]
 
 
 def _point(T: Array, data: dict[str, str]) -> str:

@@ -16,8 +16,7 @@ from functools import partial
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.reading.machine import (
+from analysis.makers.machine import (
     HERE,
     OFF,
     Blocks,
@@ -37,9 +36,10 @@ from analysis.makers.reading.machine import (
     Unknown,
     Value,
 )
-from analysis.makers.reading.numbers import Decimals, frame_of
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import (
+from analysis.makers.numbers import Decimals, frame_of
+from analysis.makers.points import Points, as_value
+from analysis.makers.reading import ProgramReader, Remark
+from analysis.makers.target import (
     NUMBER,
     Flags,
     Form,
@@ -199,7 +199,8 @@ def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | N
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Which solutions agree with flip, up, front and the turns of axes 4, 5 and 6, in the sense of `rig program`."""
+    """Which solutions q (n, 6) rad agree with flip, up, front and the turns of axes 4 to 6, in the sense of `rig
+    program`."""
 
     def agrees(angles: Array) -> bool:
         stands = posture_of(arm, angles)

@@ -15,6 +15,8 @@ messaging and a server tag S3 in the controller's host communication set-up. It 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from analysis.kinematics.arm import Arm
@@ -134,11 +136,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
     remarks = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
-
-    def move(step: Move) -> list[str]:
-        return [_move(plan.arm, step, positions)]
-
-    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, move)]
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
     return {f"{name}.LS": _program(name, [*remarks, *_frames(plan.arm), *moves], positions), **feed(plan)}
 
 
@@ -158,14 +156,10 @@ def _numbered(number: int, line: str) -> str:
 def _frames(arm: Arm) -> list[str]:
     """The world frame, and the tool's frame from the rig file by way of a position register."""
     values = [*arm.T_flange_tool[:3, 3], *fixed_xyz_deg(arm.T_flange_tool)]
-    elements = [f"  PR[{_REGISTER},{place}]={_constant(value)}" for place, value in enumerate(values, start=1)]
+    texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
+    elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
     set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
     return ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
-
-
-def _constant(value: float) -> str:
-    text = fixed(value, 6)
-    return f"({text})" if text.startswith("-") else text
 
 
 def _shown(plan: Plan) -> str:
@@ -175,23 +169,23 @@ def _shown(plan: Plan) -> str:
     return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
 
 
-def _move(arm: Arm, step: Move, positions: dict[str, int]) -> str:
+def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             angles = [
                 f"J{axis}= {fixed(angle, DEG_DECIMALS)} deg" for axis, angle in enumerate(np.degrees(target.q), start=1)
             ]
             number = _number(f"\tUF : 0, UT : {TOOL_NUMBER},\n{_two_rows(angles)}", positions)
-            return f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"
+            return [f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"]
         case Line(target, speed_mm_s, stops):
             number = _number(_cartesian(arm, target), positions)
-            return f"L P[{number}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT0'}"
+            return [f"L P[{number}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT0'}"]
         case Turn(target, _, speed_rad_s):
             number = _number(_cartesian(arm, target), positions)
-            return f"L P[{number}] {_plain(np.degrees(speed_rad_s))}deg/sec FINE"
+            return [f"L P[{number}] {_plain(np.degrees(speed_rad_s))}deg/sec FINE"]
         case Arc(via, end, speed_mm_s, stops):
             middle, last = (_number(_cartesian(arm, target), positions) for target in (via, end))
-            return f"C P[{middle}]\n  P[{last}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT100'}"
+            return [f"C P[{middle}]\n  P[{last}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT100'}"]
 
 
 def _number(text: str, positions: dict[str, int]) -> int:

@@ -69,7 +69,9 @@ def _points(declarations: list[list[str]]) -> dict[str, Any]:
     for tokens in declarations:
         match tokens:
             case ["DECL", "E6AXIS" | "FRAME" as kind, name, "=", *aggregate] if _named(name) not in points:
-                points[name] = _axes(aggregate) if kind == "E6AXIS" else _frame(aggregate)
+                axes = [f"{letter}{axis}" for letter in "AE" for axis in range(1, 7)]
+                is_pose = kind == "FRAME"
+                points[name] = _frame(aggregate) if is_pose else np.radians(_aggregate(aggregate, axes)[:6])
             case _:
                 raise ProgramError(f"{' '.join(tokens)!r} is not a new point")
     return points
@@ -82,11 +84,6 @@ def _aggregate(tokens: list[str], names: list[str]) -> list[float]:
     if form.replace("{ ", "{").replace(" }", "}") != expected:
         raise ProgramError(f"{' '.join(tokens)!r} is not {expected}")
     return [float(token) for token in tokens if re.fullmatch(r"-?\d+\.\d+", token)]
-
-
-def _axes(tokens: list[str]) -> np.ndarray[Any, Any]:
-    values = _aggregate(tokens, [f"A{axis}" for axis in range(1, 7)] + [f"E{axis}" for axis in range(1, 7)])
-    return np.radians(values[:6])
 
 
 def _frame(tokens: list[str]) -> Pose:

@@ -20,11 +20,11 @@ from analysis.makers.kuka.statements import (
     read_statement,
     read_submit,
 )
+from analysis.makers.machine import OFF, Program, Unknown, Value
+from analysis.makers.numbers import Decimals
+from analysis.makers.points import Points, as_value
 from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.reading.machine import OFF, Program, Unknown, Value
-from analysis.makers.reading.numbers import Decimals
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
 """0.1 µm, and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.makers.reading.machine import (
+from analysis.makers.machine import (
     OFF,
     Blocks,
     Built,
@@ -33,9 +33,9 @@ from analysis.makers.reading.machine import (
     Unknown,
     Value,
 )
-from analysis.makers.reading.numbers import frame_of, is_frame
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import (
+from analysis.makers.numbers import frame_of, is_frame
+from analysis.makers.points import Points, as_value
+from analysis.makers.target import (
     NUMBER,
     Flags,
     Form,
@@ -565,9 +565,9 @@ def _with(reader: Reader, file: int, begin: int, part: str, text: str) -> Value 
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return which solutions agree with Status and Turn. T has the signs of all axes, bit 0 of S the side of axis 1 on
-    which the wrist is, as KUKA's Expert Programming defines it; bit 1 of S says on which side of the outstretched arm
-    axis 3 stands. Bit 2 of S, whose sense differs between arms, is not used, since T has the sign of axis 5."""
+    """Return which solutions q (n, 6) rad agree with Status and Turn. T has the signs of all axes, bit 0 of S the side
+    of axis 1 on which the wrist is, as KUKA's Expert Programming defines it; bit 1 of S says on which side of the
+    outstretched arm axis 3 stands. Bit 2, whose sense differs between arms, is not used: T has the sign of axis 5."""
     status, turn = values
     signs = (turn >> np.arange(6)) & 1
     good: Mask = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)

@@ -8,6 +8,8 @@ is not the robot's base where the arm hangs or stands elsewhere, so $BASE is set
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array
@@ -43,14 +45,12 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
     comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
-
-    def move(step: Move) -> list[str]:
-        return _move(plan.arm, step, points)
-
-    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, move)]
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, points))]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
-    steps = _without_repeats([*_settings(plan), *(_sensor_on() if sensor else []), *moves])
+    calls = [f'RSI_CREATE("{RSI_CONTEXT}", rsi_context, TRUE)', "RSI_ON(#RELATIVE)"] if sensor else []
+    on = [line for call in calls for line in (f"rsi_state = {call}", "IF (rsi_state <> RSIOK) THEN", "HALT", "ENDIF")]
+    steps = _without_repeats([*_settings(plan), *on, *moves])
     body = [*comments, *declared, *steps]
     source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
     data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
@@ -84,11 +84,6 @@ def _settings(plan: Plan) -> list[str]:
     ]
 
 
-def _sensor_on() -> list[str]:
-    calls = [f'RSI_CREATE("{RSI_CONTEXT}", rsi_context, TRUE)', "RSI_ON(#RELATIVE)"]
-    return [line for call in calls for line in (f"rsi_state = {call}", "IF (rsi_state <> RSIOK) THEN", "HALT", "ENDIF")]
-
-
 def _shown(plan: Plan) -> str:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
@@ -96,7 +91,7 @@ def _shown(plan: Plan) -> str:
     return f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
 
 
-def _move(arm: Arm, step: Move, points: dict[str, str]) -> list[str]:
+def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             percent = percent_of_axes(arm, speed_rad_s)

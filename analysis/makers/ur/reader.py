@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.reading.machine import (
+from analysis.makers.machine import (
     OFF,
     Blocks,
     Call,
@@ -29,9 +28,10 @@ from analysis.makers.reading.machine import (
     Unknown,
     Value,
 )
-from analysis.makers.reading.numbers import Decimals, frame_of
-from analysis.makers.reading.points import Points, as_value
-from analysis.makers.reading.target import (
+from analysis.makers.numbers import Decimals, frame_of
+from analysis.makers.points import Points, as_value
+from analysis.makers.reading import ProgramReader, Remark
+from analysis.makers.target import (
     Form,
     Left,
     Lines,

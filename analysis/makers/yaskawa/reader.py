@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.reading.machine import (
+from analysis.makers.machine import (
     OFF,
     Blocks,
     Built,
@@ -34,9 +33,10 @@ from analysis.makers.reading.machine import (
     Unknown,
     Value,
 )
-from analysis.makers.reading.numbers import Decimals
-from analysis.makers.reading.points import Points
-from analysis.makers.reading.target import (
+from analysis.makers.numbers import Decimals
+from analysis.makers.points import Points
+from analysis.makers.reading import ProgramReader, Remark
+from analysis.makers.target import (
     Flags,
     Form,
     Left,
@@ -195,8 +195,8 @@ def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Which solutions agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig program`, and
-    whether R, T and S stand beyond half a turn."""
+    """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
+    program`, and whether R, T and S stand beyond half a turn."""
 
     def agrees(angles: Array) -> bool:
         stands = posture_of(arm, angles)

@@ -12,6 +12,8 @@ Positions that are not pulses make it a relative job (RJ), whose frame is the ba
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from analysis.kinematics.arm import Arm
@@ -68,22 +70,18 @@ def _grouped(positions: list[str]) -> list[str]:
 def _instructions(plan: Plan, positions: list[str]) -> list[str]:
     lines: list[str] = []
     at, chained = start_of(plan), False
-
-    def move(step: Move) -> list[str]:
-        return _move(plan.arm, step, positions)
-
     for step in plan.steps:
         if isinstance(step, Arc) and not chained:
             speed = _speed(step.speed_mm_s)
             lines += [f"MOVL {_position(plan.arm, at, positions)} {speed} PL=0"]
             lines += [f"MOVC {_position(plan.arm, at, positions)} {speed}"]
-        lines += _WORDS.lines(plan, step, move)
+        lines += _WORDS.lines(plan, step, partial(_move, plan.arm, positions))
         chained = isinstance(step, Arc) and not step.stops
         at = end_of(step) if isinstance(step, Move) else at
     return lines
 
 
-def _move(arm: Arm, step: Move, positions: list[str]) -> list[str]:
+def _move(arm: Arm, positions: list[str], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             percent = fixed(percent_of_axes(arm, speed_rad_s), 2)

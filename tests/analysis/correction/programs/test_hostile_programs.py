@@ -10,7 +10,7 @@ import yaml
 
 from analysis.correction.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
-from analysis.makers.reading.target import WHY
+from analysis.makers.target import WHY
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, JointOffset
 from rigs.load import load

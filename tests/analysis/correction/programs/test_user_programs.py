@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from analysis.correction.corrected_program import NO_FRAMES, CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from analysis.kinematics.arm import arm_of
-from analysis.makers.reading.numbers import replaced, written
-from analysis.makers.reading.target import Number
+from analysis.makers.numbers import replaced, written
+from analysis.makers.target import Number
 from analysis.robot_programs.posture import posture_of, turns
 from rigs.effects import JointOffset
 from rigs.rig import Rig

@@ -13,8 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.makers.reading.machine import OFF, Program, Ref, Unknown, Usage, Value, usages_of
-from analysis.makers.reading.target import Left, Named, Parsed, Reason, Step, Target
+from analysis.makers.machine import OFF, Program, Ref, Unknown, Usage, Value, usages_of
+from analysis.makers.target import Left, Named, Parsed, Reason, Step, Target
 
 _BY_PART: dict[str, Reason] = {
     "shift": "displaced",

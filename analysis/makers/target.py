@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from analysis.kinematics.arm import Arm, Array, Mask
-from analysis.makers.reading.machine import Unknown
+from analysis.makers.machine import Unknown
 
 Form = Literal[
     "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "quaternion"

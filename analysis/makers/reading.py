@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from analysis.makers import Maker, maker_of_file, suffixes_in_words
-from analysis.makers.reading.numbers import Decimals
-from analysis.makers.reading.target import Parsed, Texts
+from analysis.makers.numbers import Decimals
+from analysis.makers.target import Parsed, Texts
 from rigs.errors import FileError
 from rigs.files import read_bytes
 

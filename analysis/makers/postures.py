@@ -17,7 +17,7 @@ from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.makers.reading.target import Flags, Reason, Step, Target, Way
+from analysis.makers.target import Flags, Reason, Step, Target, Way
 from analysis.robot_programs.ways import straight
 from rigs.errors import FileError
 

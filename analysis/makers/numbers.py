@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array, roll_pitch_yaw, transform
-from analysis.makers.reading.target import Form, Number, Target
+from analysis.makers.target import Form, Number, Target
 from analysis.robot_programs.text import fixed
 from rigs.schema.robot import Pose
 
