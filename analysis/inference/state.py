@@ -138,6 +138,10 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
+        if any(effect.part == "gravity" and effect.STAGE == "tool" for effect in state.refined.effects):
+            # What the arm stands on yields to the moment to which its joints yield, of which any may be usual of it. As
+            # tight as in a machine, the softness of axis 2 became the base's: three times what it was, 6 times its u.
+            variance, mean = columns.usual_load**2 * variance, columns.usual_load * mean
         for effect in state.refined.effects:
             share = self._shares_beside(effect)
             variance, mean = share * variance, share * mean

@@ -7,8 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effects.compliance import Compliance
-from rigs.schema.effect import BY_TARGETS, Compensation, Departures, Effect, FreeShape, Place, Scope, shape, size
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, FreeShape, Place, Scope, shape, size
 from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
@@ -61,12 +60,6 @@ class BaseYields(Effect):
     def forms(cls, scope: Scope) -> list[list[BaseYields]]:
         """Each way."""
         return [[cls(way=way, below_mm=_BELOW_MM)] for way in _WAYS]
-
-    def departures(self) -> Departures:
-        """The joint that carries the arm beside it: axis 2 yields to nearly the same moment, about a point a few hundred
-        millimetres higher."""
-        shoulder = Compliance(axis=2, deg_per_Nm=self.deg_per_Nm)
-        return Departures(alike=(((1.0, shoulder),),)) if self.way == "evenly" else Departures()
 
     def plain(self, joint: str) -> str:
         return _IN_WORDS[self.way]
