@@ -57,9 +57,17 @@ def turn(v: Array, p: Array) -> Array:
     )
 
 
+def _base(robot: Robot) -> Array:
+    """Where the arm stands (4, 4): turned about the fixed x, y and z, one after the other."""
+    T = np.eye(4)
+    for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
+        T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
+    return T
+
+
 def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
-    """Frames (axes, n, 4, 4) of the links of an arm that is off by `truth.off`, in that of its base."""
-    T = np.broadcast_to(np.eye(4), (len(theta), 4, 4))
+    """Frames (axes, n, 4, 4) of the links of an arm that is off by `truth.off`, about the origin of its base."""
+    T = np.broadcast_to(_base(robot), (len(theta), 4, 4))
     every = []
     for k, axis in enumerate(robot.axes):
         a, d = axis.a_mm + truth.off.a[k], axis.d_mm + truth.off.d[k]
@@ -89,7 +97,7 @@ def poses_on(
 ) -> PoseTable:
     """Places of a ball as a tracker that stands on the floor saw them, in a frame of its own."""
     q = draw_postures(robot, rng, poses)
-    really = frames(truth, robot, truth.link_q(q, np.vstack([q[:1], q[:-1]])))
+    really = frames(truth, robot, truth.link_q(q, np.vstack([q[:1], q[:-1]])) @ np.array(robot.coupling).T)
     places = (really[-1] @ np.append(ball_mm, 1.0))[:, :3]
     seen = stand.moved(places, moment_nm(robot, really)) + rng.normal(0, truth.scatter_mm, (poses, 3))
     about = np.linalg.qr(rng.normal(size=(3, 3)))[0]
