@@ -20,7 +20,6 @@ from analysis.traces.tables import CircleTable, PlaceTable
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.scene import play
-from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The candidates: the names that a diagnosis can give, each with its possible columns in the readings.
@@ -317,8 +316,7 @@ class Columns:
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
     scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
     prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
-    (p,) are their prior means at level one. `usual_load` (p,) is how many times a healthy one a joint of the arm's build
-    yields under load, and 1 for everything else. `not_seen` lists the names that no fault size makes visible;
+    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible;
     `constants_apart` is whether constants of the arm have widths of their own, as touches show them.
     """
 
@@ -329,7 +327,6 @@ class Columns:
     healthy: Array
     fixed: Array
     healthy_mean: Array
-    usual_load: Array
     not_seen: tuple[str, ...] = ()
     constants_apart: bool = False
     _products: WeakKeyDictionary[Response, Array] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
@@ -481,7 +478,6 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([share, np.zeros(set_ups + scattered)]),
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
-        np.concatenate([_usual_load(forms, linear.blocks[0].model.rig.robot.built), np.ones(set_ups + scattered)]),
         not_seen,
         constants_apart([block.one for block in linear.blocks]),
     )
@@ -551,16 +547,6 @@ def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> A
     of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
     shares[: len(of_forms)] = of_forms
     return shares
-
-
-def _usual_load(forms: Sequence[Form], build: Build) -> Array:
-    """Return how many times a healthy one each column (p,) of forms is in an arm of a build, of joints that yield under
-    load; 1 of all others."""
-    return np.array([
-        effect.usual_times(build) if effect.part == "gravity" and effect.STAGE == "joint" else 1.0
-        for form in forms
-        for effect in form.effects
-    ])  # fmt: skip
 
 
 def order_of(effect: Effect) -> float:

@@ -14,8 +14,8 @@ from rigs.schema.vocabulary import Build
 Yields = Literal["evenly", "x", "y", "xy", "yx"]
 _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
 _ABOUT_DEG: dict[Yields, float] = {"x": 0.0, "xy": 45.0, "y": 90.0, "yx": 135.0}
-"""The line about which it tilts, from the x of the base towards its y. A base that yields evenly and about one of these,
-or two that lie beside each other, yields as any column or frame does: its compliance is a symmetric tensor."""
+"""The line about which it tilts, from the x of the base towards its y. A base that yields evenly and about one or two
+of these yields as any column or frame does: its compliance is a symmetric tensor."""
 _IN_WORDS: dict[Yields, str] = {
     "evenly": "tilt of the base under load, alike in all directions",
     "x": "tilt of the base under load, about its x",

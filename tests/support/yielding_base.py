@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.traces.tables import PoseTable
 from rigs.schema.robot import Robot
-from tests.support.seven_axes import Array, Truth, draw_postures
+from tests.support.seven_axes import Array, Truth
 
 G_M_S2 = 9.81
 
@@ -92,13 +91,34 @@ def moment_nm(robot: Robot, links: Array) -> Array:
     return total
 
 
-def poses_on(
-    robot: Robot, truth: Truth, stand: Stand, rng: np.random.Generator, ball_mm: Array, poses: int
-) -> PoseTable:
-    """Places of a ball as a tracker that stands on the floor saw them, in a frame of its own."""
-    q = draw_postures(robot, rng, poses)
-    really = frames(truth, robot, truth.link_q(q, np.vstack([q[:1], q[:-1]])) @ np.array(robot.coupling).T)
-    places = (really[-1] @ np.append(ball_mm, 1.0))[:, :3]
-    seen = stand.moved(places, moment_nm(robot, really)) + rng.normal(0, truth.scatter_mm, (poses, 3))
-    about = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return PoseTable(q, seen @ (about * np.linalg.det(about)).T + rng.normal(0, 1000, 3), None)
+@dataclass(frozen=True)
+class OnStand:
+    """An arm of a stranger on a stand: its balls are seen from the floor."""
+
+    robot: Robot
+    arm: Truth
+    stand: Stand
+
+    @property
+    def scatter_mm(self) -> float:
+        """That of the arm."""
+        return self.arm.scatter_mm
+
+    def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
+        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+        theta = self.arm.link_q(q, came_from) @ np.array(self.robot.coupling).T
+        links = frames(self.arm, self.robot, theta)
+        bare = (links[-1] @ np.append(ball_mm, 1.0))[:, :3]
+        return self.stand.moved(bare, moment_nm(self.robot, links))
+
+    def tensor_deg(self) -> dict[str, float]:
+        """What rig calls the tilt of this stand, in deg/Nm at 200 Nm: alike in all directions, and about the two lines
+        beside its soft axis, which make up what is more about that axis."""
+        firm = 1 / (1 + self.stand.firmer)
+        more = float(np.degrees(self.stand.soft - self.stand.stiff)) * firm
+        around = np.degrees(self.stand.turned) % 180
+        low, twice = int(around // 45), 2 * np.radians(around % 45)
+        names = ("x", "xy", "y", "yx")
+        parts = {names[low]: more * np.cos(twice), names[(low + 1) % 4]: more * np.sin(twice)}
+        evenly = float(np.degrees(self.stand.stiff + self.stand.anchors)) * firm + (more - sum(parts.values())) / 2
+        return {"evenly": evenly} | parts
