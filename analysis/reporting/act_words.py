@@ -52,6 +52,8 @@ class ActWords:
                 keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
         axis = getattr(act.effect, "axis", None)
         size = size_field(act.effect)
         return texts(
