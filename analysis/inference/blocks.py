@@ -25,8 +25,10 @@ from analysis.inference.noise import (
 )
 from analysis.inference.observation import (
     ORDER_OF,
+    ORDER_OF_TREND,
     ORDERS,
     STAMP_SCATTER,
+    TREND_ORDERS,
     Observation,
     ObservedRun,
     Sampling,
@@ -174,6 +176,9 @@ def _grouped(
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    # A trend is compared only over as many laps.
+    if len({len(run.sampling.trend) for run in members if run.sampling}) > 1:
+        members = [replace(run, sampling=run.sampling and run.sampling.without_trend()) for run in members]
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
@@ -221,7 +226,7 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
+    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm), _trend_sd(raw, sd, noise)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]
     scatter = noise.scatter(raw.first.one.setup)
@@ -279,6 +284,27 @@ def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
     power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
     return np.concatenate([np.sqrt(power / share + step_mm**2 / 12) for share in sampling.stand_share] or [np.empty(0)])
+
+
+def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
+    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the mean
+    of laps: that of one lap, and as much more as repeated runs show; assumed noise has the drift of a run beside it."""
+    sampling = raw.first.sampling
+    if sampling is None or not len(sampling.trend):
+        return np.empty(0)
+    half = len(ORDER_OF) // 2
+    slow = ORDER_OF < TREND_ORDERS
+    count, trend = len(sampling.trend), slice(-len(ORDER_OF_TREND), None)
+    sd: Array = np.sqrt(count) * sd_mm[: 2 * half][slow]
+    scatter = noise.scatter(raw.first.one.setup)
+    drifting = ((raw.drifting[:, trend] * scatter.drifting(raw.response.shape[1])) ** 2).sum(axis=(0, 2))
+    if not noise.measured or len(raw.rows) < 2:
+        return np.asarray(np.hypot(sd, np.sqrt(drifting)), dtype=float)
+    apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
+    runs = len(apart)
+    shown = (apart**2).sum(axis=0) / (runs - 1)
+    expected = runs * sd**2 + drifting  # of one run
+    return sd * np.sqrt(max(1.0, float(np.mean(shown / expected))))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
