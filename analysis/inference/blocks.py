@@ -73,6 +73,8 @@ bands of about one octave, so that joint motion (below order 8), gears and probe
 _SLOW = 8
 """Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
 seconds, which is longer than the correlation times of most noise."""
+_BORROWED = 2.0
+"""Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
 _SAME_RAD = 3e-4
 """Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
 a third of it."""
@@ -287,24 +289,29 @@ def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
 
 
 def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
-    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the mean
-    of laps: that of one lap, and as much more as repeated runs show; assumed noise has the drift of a run beside it."""
+    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
+    mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
+    nothing is measured, this drift is part of it."""
     sampling = raw.first.sampling
     if sampling is None or not len(sampling.trend):
         return np.empty(0)
-    half = len(ORDER_OF) // 2
-    slow = ORDER_OF < TREND_ORDERS
-    count, trend = len(sampling.trend), slice(-len(ORDER_OF_TREND), None)
-    sd: Array = np.sqrt(count) * sd_mm[: 2 * half][slow]
-    scatter = noise.scatter(raw.first.one.setup)
-    drifting = ((raw.drifting[:, trend] * scatter.drifting(raw.response.shape[1])) ** 2).sum(axis=(0, 2))
-    if not noise.measured or len(raw.rows) < 2:
-        return np.asarray(np.hypot(sd, np.sqrt(drifting)), dtype=float)
+    trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
+    squares = len(sampling.trend) * sd_mm[np.flatnonzero(ORDER_OF < TREND_ORDERS)] ** 2
+    scatter = noise.scatter(raw.first.one.setup).drifting(raw.response.shape[1])
+    drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
+    if not noise.measured or runs < 2:
+        return np.asarray(np.sqrt(squares + drifting), dtype=float)
     apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
-    runs = len(apart)
-    shown = (apart**2).sum(axis=0) / (runs - 1)
-    expected = runs * sd**2 + drifting  # of one run
-    return sd * np.sqrt(max(1.0, float(np.mean(shown / expected))))
+    expected = runs * squares + drifting  # of one run
+    channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
+    for entries in (
+        np.flatnonzero((channel == number) & (ORDER_OF_TREND == order))
+        for number, order in np.unique(np.stack([channel, ORDER_OF_TREND], axis=1), axis=0).tolist()
+    ):
+        shown = float((apart[:, entries] ** 2).sum()) + _BORROWED * float(expected[entries].mean())
+        freedom = (runs - 1) * len(entries) + _BORROWED
+        squares[entries] += max(shown / freedom - float(expected[entries].mean()), 0.0) / runs
+    return np.asarray(np.sqrt(squares), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
