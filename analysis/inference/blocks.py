@@ -304,13 +304,12 @@ def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
     apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
     expected = runs * squares + drifting  # of one run
     channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
-    for entries in (
-        np.flatnonzero((channel == number) & (ORDER_OF_TREND == order))
-        for number, order in np.unique(np.stack([channel, ORDER_OF_TREND], axis=1), axis=0).tolist()
-    ):
-        shown = float((apart[:, entries] ** 2).sum()) + _BORROWED * float(expected[entries].mean())
-        freedom = (runs - 1) * len(entries) + _BORROWED
-        squares[entries] += max(shown / freedom - float(expected[entries].mean()), 0.0) / runs
+    alike = channel * TREND_ORDERS + ORDER_OF_TREND
+    for number in np.unique(alike).tolist():
+        entries = np.flatnonzero(alike == number)
+        of_one, freedom = float(expected[entries].mean()), (runs - 1) * len(entries)
+        shown = (float((apart[:, entries] ** 2).sum()) + _BORROWED * of_one) / (freedom + _BORROWED)
+        squares[entries] += max(shown - of_one, 0.0) / runs
     return np.asarray(np.sqrt(squares), dtype=float)
 
 

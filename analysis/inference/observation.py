@@ -260,8 +260,8 @@ class Sampling:
     weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
     rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
     `trend` (L,) has the weights of the laps whose sum is what changes with time from lap to lap, with the noise of one
-    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next turn) of the grid angles where the laps
-    begin, whose values follow from those beside them.
+    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next
+    turn) of the grid angles where the laps begin, whose values follow from those beside them.
     """
 
     before: Integers

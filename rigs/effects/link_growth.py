@@ -23,6 +23,7 @@ class LinkGrowth(Effect):
     time_constant_s: float = shape(1, 1e5, 600.0)
 
     STAGE = "gauge"
+    NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)

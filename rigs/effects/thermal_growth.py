@@ -33,6 +33,7 @@ class ThermalGrowth(Effect):
     time_constant_s: float = shape(1, 1e5, 600.0)
 
     STAGE = "tool"
+    NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
