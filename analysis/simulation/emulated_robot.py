@@ -26,7 +26,7 @@ from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.kinematics.arm import Array, arm_of
 from analysis.measures.yaw import plain_figures
-from analysis.model.gravity import load_of, torques
+from analysis.model.gravity import load_of, pull
 from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.simulation.simulate import readings_along
 from daq import clock
@@ -236,7 +236,7 @@ class EmulatedRobot:
             return {}
         with self._lock:
             if self._torque_nm is None:
-                self._torque_nm = torques(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q)
+                self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
             speed_rad_s = self._speed_rad_s(now_ns)
             current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
         return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))

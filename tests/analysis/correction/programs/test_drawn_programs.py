@@ -21,7 +21,7 @@ from tests.support.nightly import cases
 
 _FOLLOWS = find_spec("analysis.makers.machine") is not None
 """Whether the reader follows the state of a program on every way."""
-_DRAWN, _PLAIN, _AT_NIGHT = 20, 8, 400
+_DRAWN, _PLAIN, _AT_NIGHT = 10, 8, 400
 _PARTS = [(dialect, part) for part in range(_AT_NIGHT // _DRAWN) for dialect in DIALECTS]
 
 
