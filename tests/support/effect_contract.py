@@ -9,8 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.correction.constants import joint_zeros, link_constants
-from analysis.correction.support import supports
+from analysis.correction.support import joint_zeros, link_constants, supports
 from analysis.inference.background import background_of
 from analysis.inference.blocks import blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
