@@ -17,7 +17,9 @@ from tests.support.diagnosis_cells import RIG, WAYS, Array, table_of
 
 AT = np.arange(GRID) * 2 * np.pi / GRID
 HALF = len(ORDER_OF) // 2
-AS_THEY_ARE = Sampling(np.arange(GRID)[None], np.arange(GRID)[None], np.zeros((1, GRID)), AT, (), np.empty(0))
+AS_THEY_ARE = Sampling(
+    np.arange(GRID)[None], np.arange(GRID)[None], np.zeros((1, GRID)), AT, (), np.empty(0), np.empty(0)
+)
 
 
 def _circle(way: Direction) -> CircleTable:
