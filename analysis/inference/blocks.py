@@ -23,8 +23,10 @@ from analysis.inference.noise import (
 )
 from analysis.inference.observation import (
     ORDER_OF,
+    ORDER_OF_TREND,
     ORDERS,
     STAMP_SCATTER,
+    TREND_ORDERS,
     Observation,
     ObservedRun,
     Sampling,
@@ -69,6 +71,8 @@ bands of about one octave, so that joint motion (below order 8), gears and probe
 _SLOW = 8
 """Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
 seconds, which is longer than the correlation times of most noise."""
+_BORROWED = 2.0
+"""Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +173,9 @@ def _grouped(
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    # A trend is compared only over as many laps.
+    if len({len(run.sampling.trend) for run in members if run.sampling}) > 1:
+        members = [replace(run, sampling=run.sampling and run.sampling.without_trend()) for run in members]
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
@@ -216,7 +223,7 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
+    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm), _trend_sd(raw, sd, noise)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]
     scatter = noise.scatter(raw.first.one.setup)
@@ -268,6 +275,31 @@ def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
     power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
     return np.concatenate([np.sqrt(power / share + step_mm**2 / 12) for share in sampling.stand_share] or [np.empty(0)])
+
+
+def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
+    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
+    mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
+    nothing is measured, this drift is part of it."""
+    sampling = raw.first.sampling
+    if sampling is None or not len(sampling.trend):
+        return np.empty(0)
+    trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
+    squares = len(sampling.trend) * sd_mm[np.flatnonzero(ORDER_OF < TREND_ORDERS)] ** 2
+    scatter = noise.scatter(raw.first.one.setup).drifting(raw.response.shape[1])
+    drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
+    if not noise.measured or runs < 2:
+        return np.asarray(np.sqrt(squares + drifting), dtype=float)
+    apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
+    expected = runs * squares + drifting  # of one run
+    channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
+    alike = channel * TREND_ORDERS + ORDER_OF_TREND
+    for number in np.unique(alike).tolist():
+        entries = np.flatnonzero(alike == number)
+        of_one, freedom = float(expected[entries].mean()), (runs - 1) * len(entries)
+        shown = (float((apart[:, entries] ** 2).sum()) + _BORROWED * of_one) / (freedom + _BORROWED)
+        squares[entries] += max(shown - of_one, 0.0) / runs
+    return np.asarray(np.sqrt(squares), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ from analysis.inference.verdict import (
     named_vibration,
     remainder_of,
     runs_to_decide,
+    shows_time,
     standing_of,
     without_useless,
 )
@@ -62,7 +63,8 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     doubts = []
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
-        doubts.append("no circle was repeated: the noise of real cells is assumed; repeat each circle")
+        slow = "" if shows_time(blocks) else ", and one lap shows nothing that changes slowly, as warming"
+        doubts.append(f"no circle was repeated: the noise of real cells is assumed{slow}; repeat each circle")
     driven_once = [block.name for block in circles if block.measured and block.count < 2]
     if driven_once:
         doubts.append(

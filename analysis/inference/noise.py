@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from analysis.inference.observation import (
     GRID,
     ORDER_OF,
+    ORDER_OF_TREND,
     STAMP_SCATTER,
     Observation,
     Sampling,
@@ -470,7 +471,8 @@ def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm
     single = np.zeros((GRID, 2, len(angles)))
     # Both gauges are stamped together.
     single[angles, :, np.arange(len(angles))] = (way * sd_mm)[angles]
-    return np.concatenate([by_orders(single), np.zeros((2 * len(samplings[0].stands), len(angles)))])
+    others = 2 * len(samplings[0].stands) + (len(ORDER_OF_TREND) if len(samplings[0].trend) else 0)
+    return np.concatenate([by_orders(single), np.zeros((others, len(angles)))])
 
 
 def _off_mm(t_s: Array, readings_mm: Array, count: int) -> Array:

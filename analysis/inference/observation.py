@@ -227,6 +227,12 @@ _MOST_APART = GRID // 16
 of a program begin within a row."""
 _LEAST_STAND = 3
 """Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+TREND_ORDERS = 4
+"""Orders of the trend from lap to lap: a ball, a gauge and an arm that grows move readings in orders 0 and 1, and an
+eccentric ball adds the next. Chosen: twice as many."""
+ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
+"""The order of each entry of a trend, in the order of `ORDER_OF`."""
+_OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
 
 
 @dataclass(frozen=True)
@@ -236,8 +242,9 @@ class Sampling:
     For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
     weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
     rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
-    `bridged` are the first and the last (which may be negative, or of the next turn) of the grid angles where the laps
-    begin, whose values follow from those beside them.
+    `trend` (L,) has the weights of the laps whose sum is what changes with time from lap to lap, with the noise of one
+    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next
+    turn) of the grid angles where the laps begin, whose values follow from those beside them.
     """
 
     before: Integers
@@ -246,6 +253,7 @@ class Sampling:
     phi: Array
     stands: tuple[Integers, ...]
     stand_share: Array
+    trend: Array
     bridged: tuple[int, int] | None = None
 
     def gridded(self, values: Array) -> Array:
@@ -256,9 +264,18 @@ class Sampling:
     @cached_property
     def _interpolation(self) -> csr_array:
         """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        return self._matrix(np.full(len(self.share), 1 / len(self.share)))
+
+    @cached_property
+    def _trend(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their trend at the grid."""
+        return self._matrix(self.trend)
+
+    def _matrix(self, laps: Array) -> csr_array:
+        """Return the matrix (GRID, n) from values at the rows to their sum over the laps, with weights (L,)."""
         from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
 
-        weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
+        weight = np.concatenate([((1 - self.share) * laps[:, None]).ravel(), (self.share * laps[:, None]).ravel()])
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
         matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
@@ -273,11 +290,14 @@ class Sampling:
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
-        the means over periods of standing."""
+        the means over periods of standing, then the slow orders of the trend from lap to lap."""
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             mean = values[rows].mean(axis=0, keepdims=True)
             parts += [_sum(mean), _difference(mean)]
+        if len(self.trend):
+            laps: Array = self._trend @ values[: len(self.phi)].reshape(len(self.phi), -1)
+            parts.append(by_orders(laps.reshape(GRID, *values.shape[1:]))[_OF_TREND])
         return np.concatenate(parts)
 
     @property
@@ -307,6 +327,10 @@ class Sampling:
     def without_stands(self) -> Sampling:
         """Return the sampling of the lap alone, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
+
+    def without_trend(self) -> Sampling:
+        """Return the sampling of the mean lap without the trend (0,) from lap to lap."""
+        return replace(self, trend=np.empty(0))
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
@@ -390,6 +414,15 @@ class ObservedRun:
         direction = self.one.table.kind.direction(self.one.table)
         return f"{self.one.setup} {direction}" if direction else self.one.setup
 
+    @property
+    def on_lap(self) -> Observation:
+        """The observation of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands
+        before and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self.one
+        count = len(self.sampling.phi)
+        return replace(self.one, rows=self.one.rows[:count], values=self.one.values[:count])
+
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
@@ -460,7 +493,17 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
     number = _number(phi, laps)
     sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
     before, after, share = (np.array(side) for side in zip(*sides, strict=True))
-    return Sampling(before, after, share, phi, stands, stand_share)
+    return Sampling(before, after, share, phi, stands, stand_share, _trend_of(laps))
+
+
+def _trend_of(laps: int) -> Array:
+    """Return the weights of laps (L,) whose sum grows with what each lap adds to the one before, of length one; an
+    empty array for a single lap."""
+    if laps < 2:
+        return np.empty(0)
+    weights = np.arange(laps) - (laps - 1) / 2
+    trend: Array = weights / np.linalg.norm(weights)
+    return trend
 
 
 def _number(phi: Array, laps: int) -> Array:

@@ -116,7 +116,7 @@ class Selection:
 
     @cached_property
     def _backgrounds(self) -> Backgrounds:
-        return Backgrounds(self.columns)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @cached_property
     def _free(self) -> tuple[FreeForm, ...]:

@@ -130,7 +130,9 @@ def left_um_of(
 
 
 def _thinned(run: ObservedRun) -> ObservedRun:
-    return replace(run, one=thinned(run.one, _ROWS)) if run.one.table.kind.swept else run
+    if not run.one.table.kind.swept:
+        return run
+    return replace(run, one=thinned(run.on_lap, _ROWS), sampling=None)
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -65,7 +65,7 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
     none of them."""
     new = [run for run in runs if run.one.setup not in placed]
     every = {**placed, **(fit_run_setups(new)[0] if new else {})}
-    return [residuals_of(run.model, [run.one], every)[0] for run in runs]
+    return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
@@ -238,6 +238,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
         sampling = replace(
             sampling if block.sampling.stands else sampling.without_stands(), bridged=block.sampling.bridged
         )
+        sampling = sampling if len(block.sampling.trend) else sampling.without_trend()
     (with_names,) = with_effects([run], result.state.refined.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
     (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))

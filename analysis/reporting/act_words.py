@@ -48,8 +48,12 @@ class ActWords:
             return self._measure(act)
         if act.effect is None:
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
+            if act.command[:1] == ("diagnose",):
+                keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
         axis = getattr(act.effect, "axis", None)
         size = size_field(act.effect)
         return texts(
@@ -94,8 +98,9 @@ class ActWords:
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test
-        if act.why == "few_runs":
-            return texts("next_repeat", count=act.runs)
+        if act.why in ("few_runs", "one_lap"):
+            cause = self.noun(act.effect) if act.effect else ""
+            return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
         if act.why == "not_visible":
             return texts(self._of_places("next_plan"))
         if act.why == "elsewhere":
