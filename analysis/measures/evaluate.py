@@ -11,6 +11,7 @@ from analysis.measures.link_angle import CircleResult
 from analysis.measures.path import PathResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
+from analysis.measures.reduction import Reduced
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.rig_agreement import hold_targets
 from analysis.measures.touch import TouchResult
@@ -35,9 +36,11 @@ def evaluate(
     where: str,
     u_gauge_mm: float | None = None,
     like: tuple[LapNoise, LapNoise] | None = None,
+    reduced: Reduced | None = None,
 ) -> Evaluated:
     """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given; like:
-    noise of the angle and of the distance in another run, for a circle of a single lap.
+    noise of the angle and of the distance in another run, for a circle of a single lap; reduced: the readings of a
+    circle, where the table has but some of its rows.
 
     Raises FileError where it is not a valid measurement of its test.
     """
@@ -60,7 +63,7 @@ def evaluate(
             of_test = yaw.evaluate if table.test == "yaw" else roll.evaluate
             gauges = rig.gauges
             laps = laps_of(table, rig, where)
-            return of_test(laps, gauges.baseline_mm, gauges.baseline_u_mm, u_lag_s, where, like)
+            return of_test(laps, gauges.baseline_mm, gauges.baseline_u_mm, u_lag_s, where, like, reduced)
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)

@@ -19,7 +19,7 @@ from analysis.measures.circularity import Circularity
 from analysis.measures.circularity import evaluate as evaluate_distance
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
-from analysis.measures.reduction import PHI, nodes_of, reduced
+from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
 from analysis.traces.laps import Laps
 from rigs.errors import FileError
@@ -132,14 +132,15 @@ class AngleTest:
         u_lag_s: float,
         where: str = "the run",
         like: tuple[LapNoise, LapNoise] | None = None,
+        run: Reduced | None = None,
     ) -> CircleResult:
         """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
 
-        like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError
-        for readings that no ball link gives.
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap; run: the readings
+        of the laps, where these have but some of the rows. Raises FileError for readings that no ball link gives.
         """
         _hold(laps, baseline_mm, where)
-        run = reduced(laps)
+        run = run or reduced(laps)
 
         curve = curve_of(
             run, partial(angle_of_gauges, baseline_mm=baseline_mm), np.sqrt(2) / abs(baseline_mm), 0, like and like[0]
@@ -153,12 +154,12 @@ class AngleTest:
             return [curve.drawn(curves[0], turned, scale)]
 
         ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
-        count = len(laps.phi)
+        count = run.samples
         result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 

@@ -62,8 +62,8 @@ def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
     """After half a second's readings each 2.3 ms, one wait of at most 17 ms."""
     rows = 20 * 217
     waits = np.repeat(2.3e6 + 17e6 * np.linspace(0, 1, 20), 4)
-    assert not align.are_many(waits, rows) and not align.are_many(np.empty(0), rows)
-    assert align.are_many(np.append(waits, 26e6), rows) and align.are_many(np.tile(waits, 3), rows)
+    assert not align.are_many(len(waits), waits.max(), rows) and not align.are_many(0, 0.0, rows)
+    assert align.are_many(len(waits) + 1, 26e6, rows) and align.are_many(3 * len(waits), waits.max(), rows)
 
 
 def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,275 @@
+"""A circle with more rows than memory has room for: what they come to at circle angles, part by part.
+
+    part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, between its rows on a line
+                   →  sums of the rows beside each node, by stretches of time  →  laps  →  readings at 720 circle angles
+
+The laps are cut out of a table of every so many rows, which the run is shown by as well; each stretch of rows beside
+one node then falls into a lap by its time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+
+from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.programs import circle_of
+from analysis.kinematics.arm import Array, Integers, arm_of
+from analysis.measures.reduction import HatSums, LapRows, Reduced, of_rows, place_of, wild_of
+from analysis.noise.certificate import beyond_certificates, corrected_gauges
+from analysis.noise.readings import noise_beneath, step_of
+from analysis.noise.spectrum import NODES
+from analysis.traces.align import Joined, NotTogether, Seen, doubts_of, gauges_of, join
+from analysis.traces.condition import NOT_SHOWN, condition_of
+from analysis.traces.laps import Laps, laps_of, leaps_of, places_along
+from analysis.traces.loading import Measured, known_doubts, measured_as, rig_of
+from analysis.traces.run_parts import Part, is_long, parts_of, rows_of_gauge
+from analysis.traces.tables import CircleTable
+from daq.store import Manifest, Run, closed_manifest
+from rigs.errors import FileError
+from rigs.load import calibrated_beside
+from rigs.rig import Rig
+from rigs.schema.condition import MOTORS, PROGRAM, SAFETY, SPEED
+from rigs.schema.vocabulary import CIRCLES
+
+_SHOWN = 100_000
+"""Rows of the table that stands for all: 140 at each node of a single lap."""
+_ROBOT_SHOWN = 500_000
+"""Rows of the robot by which its condition is judged: of a day one each fifth of a second, and each that shows another
+state."""
+_STRETCHES, _SHORTEST = 200_000, 64
+"""Rows beside one node are summed in so many stretches of time, 20 MB, or of so many rows where those are fewer."""
+_NEAR = 8
+"""Rows of the shown table within which a lap begins and ends."""
+_SAMPLE = 20_000
+"""Rows in turn by which the steps of a gauge and the noise beneath them are seen (`noise.readings`)."""
+_SUMS = ("count", "before", "between", "beyond", "left1", "left2", "right1", "right2", "wild1", "wild2", "new1", "new2")
+"""What is summed over the rows of a stretch: rows, products of hat functions, readings by these, rows that are wild,
+rows that differ from the one before."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The rows of a part. at_ns, cell (m,): when each stretch of them begins, and the node behind which it lies, and
+    NODES more beyond the angle at which laps begin; sums (m, len(_SUMS)); shown: table of every so many rows, its t_s in ns;
+    u_lag_s; count; step_mm, noise_mm (k,) of its middle, at middle_ns; beyond: rows beyond a certificate."""
+
+    at_ns: Array
+    cell: Integers
+    sums: Array
+    shown: CircleTable
+    u_lag_s: float
+    count: int
+    step_mm: tuple[float, ...]
+    noise_mm: tuple[float, ...]
+    middle_ns: float
+    beyond: dict[str, int]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What a part of a run comes to. robot: columns of some of its rows; rows: None where gauges and robot did not read
+    at the same time."""
+
+    robot: dict[str, Array]
+    seen: dict[str, Seen]
+    rows: _Rows | None = None
+
+
+def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
+    """A run, shown by some of its rows, and the readings of all at circle angles; path: where its files came from.
+
+    None where it is no long recorded circle, or holds what only the whole run can show; then it is to be read whole.
+    """
+    manifest = closed_manifest(directory)
+    if manifest.table is not None or manifest.test not in CIRCLES or not manifest.direction or not is_long(manifest):
+        return None
+    run = Run(path, manifest, {}, [])
+    rig = calibrated_beside(rig_of(run), directory)
+    if rig.gauges.g2 is None:
+        return None
+    known = known_doubts(run, rig)
+    try:
+        pieces = list(_pieces(directory, run, rig))
+    except (FileError, _AsAWhole):
+        return None  # the whole run says what is wrong with it, and in which row
+    return _together(run, rig, known, pieces)
+
+
+class _AsAWhole(Exception):
+    """Only the whole run shows what is to be done with a row."""
+
+
+def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
+    """What the parts of a run come to. Raises FileError where one is no measurement, _AsAWhole."""
+    taken, manifest = 0, run.manifest
+    for part in parts_of(directory, manifest):
+        shown = _shown_of_robot(part, manifest)
+        try:
+            joined = join(run.path, part.streams, manifest.test, rig, (part.begin_ns, part.end_ns))
+        except NotTogether:
+            yield _Piece(shown, _nothing_seen(part, manifest, rig))
+            continue
+        if leaps_of(joined.robot.ns / 1e9, joined.robot.values, rig):
+            raise _AsAWhole
+        yield _Piece(shown, dict(joined.seen), _rows_of(joined, manifest, rig, taken))
+        taken += len(joined.rows_ns)
+
+
+def _together(run: Run, rig: Rig, known: Sequence[str], pieces: Sequence[_Piece]) -> tuple[Measured, Reduced] | None:
+    """The run and its readings. Raises FileError where it holds no laps."""
+    parts = [piece.rows for piece in pieces if piece.rows is not None]
+    if not parts:
+        return None
+    first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
+    table = _table_of([part.shown for part in parts], first_ns)
+    laps = laps_of(table, rig, str(run.path))
+    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
+    beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
+    doubts = doubts_of(seen, rows_of_gauge(run.manifest)) + beyond_certificates(rig, beyond, sum(rows))
+    u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
+    shown = [piece.robot for piece in pieces if piece.robot]
+    robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
+    condition = condition_of(robot) if robot else NOT_SHOWN
+    measured = measured_as(run, rig, table, u_lag_s, [*known, *doubts], condition)
+    return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
+
+
+def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
+    """What the rows of a part come to. taken: rows of the parts before."""
+    circle, rows_ns, total = circle_of(rig), joined.rows_ns, rows_of_gauge(manifest)
+    phi = _angles(joined, frame_of(circle), rig)
+    g_mm, beyond = corrected_gauges(rig, gauges_of(manifest.test, rig), joined.g_mm)
+    step = -(-total // _SHOWN)
+    shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows
+    q = joined.q_at(rows_ns[shown])
+    assert manifest.direction is not None and (manifest.test == "yaw" or manifest.test == "roll")  # noqa: S101, PLR1714
+    table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], joined.own_u_s[shown])
+    middle = max(0, (len(rows_ns) - _SAMPLE) // 2)
+    steps = tuple(step_of(column[middle:]) for column in g_mm.T)
+    noise = tuple(noise_beneath(column[middle:], step_mm) for column, step_mm in zip(g_mm.T, steps, strict=True))
+    length = max(_SHORTEST, total // _STRETCHES)
+    at, cell, sums = _stretches(phi, g_mm, float(np.radians(circle.start_deg)), taken, length)
+    return _Rows(
+        rows_ns[at], cell, sums, table, joined.u_lag_s, len(rows_ns), steps, noise, float(rows_ns[middle]), beyond
+    )
+
+
+def _angles(joined: Joined, frame: CircleFrame, rig: Rig) -> Array:
+    """Circle angles (n,) rad of the rows: between those of the robot on a line."""
+    q = joined.robot.values
+    of_robot = frame.angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
+    return np.interp(joined.rows_ns, joined.robot.ns, of_robot)
+
+
+def _stretches(phi: Array, g_mm: Array, start: float, taken: int, length: int) -> tuple[Integers, Integers, Array]:
+    """The first rows (m,) of stretches of some length at the most, their cells (m,) and their sums (m, len(_SUMS)).
+
+    Where the robot trembles between two cells, the rows of each of them are one stretch all the same."""
+    cell, share = place_of(phi)
+    (of_start,), (behind,) = place_of(np.array([start]))
+    key = cell + NODES * ((cell == of_start) & (share >= behind))
+    slot = np.arange(taken, taken + len(phi)) // length
+    begins = np.flatnonzero(np.append(True, (np.diff(key) != 0) | (np.diff(slot) != 0)))
+    sums = np.add.reduceat(_summed_rows(phi, g_mm, share), begins, axis=1)
+    _, first, stretch = np.unique(slot[begins] * (2 * NODES) + key[begins], return_index=True, return_inverse=True)
+    merged = np.stack([np.bincount(stretch, of_rows) for of_rows in sums], axis=1)
+    return begins[first], key[begins[first]], merged
+
+
+def _summed_rows(phi: Array, g_mm: Array, share: Array) -> Array:
+    """What is summed, (len(_SUMS), n)."""
+    lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
+    wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap)
+    rows = np.empty((len(_SUMS), len(phi)))
+    rows[0], rows[1], rows[2], rows[3] = 1.0, (1 - share) ** 2, share * (1 - share), share**2
+    rows[4:6], rows[6:8] = (1 - share) * g_mm.T, share * g_mm.T
+    if wild.any():
+        rows[1:8] *= ~wild.any(axis=0)
+    rows[8:10], rows[10:12, 0], rows[10:12, 1:] = wild, 1.0, (np.diff(g_mm, axis=0) != 0).T
+    return rows
+
+
+def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
+    """Every so many rows of the robot in a part, and those that show another state than the one before."""
+    stream = part.streams.get("robot")
+    if not stream:
+        return {}
+    step = -(-sum(chunk.rows for chunk in manifest.chunks_of("robot")) // _ROBOT_SHOWN)
+    inside = slice(*np.searchsorted(stream["last_byte_ns"], (part.begin_ns, part.end_ns), side="left"))
+    columns = {name: column[inside] for name, column in stream.items()}
+    shown = np.zeros(len(columns["last_byte_ns"]), dtype=bool)
+    shown[::step] = shown[-1:] = True
+    for state in (SAFETY, PROGRAM, MOTORS, SPEED):
+        if step > 1 and state in columns:
+            shown[1:] |= np.diff(columns[state]) != 0
+    return {name: column[shown] for name, column in columns.items()}
+
+
+def _nothing_seen(part: Part, manifest: Manifest, rig: Rig) -> dict[str, Seen]:
+    """What is seen of a part in which gauges and robot did not read at the same time: rows in a gap of all others."""
+    stream = next((columns for columns in part.streams.values() if "g1_mm" in columns), None)
+    came_ns = stream["last_byte_ns"] if stream else np.empty(0)
+    rows = int(np.ptp(np.searchsorted(came_ns, (part.begin_ns, part.end_ns), side="left")))
+    names = [*gauges_of(manifest.test, rig), "robot"]
+    return {name: Seen(before=rows * (name != "g1"), has_rows=False) for name in names}
+
+
+def _table_of(shown: Sequence[CircleTable], first_ns: float) -> CircleTable:
+    """The tables of all parts as one, with times in s."""
+    t_s = (np.concatenate([table.t_s for table in shown]) - first_ns) / 1e9
+    q, g_mm = (np.concatenate([getattr(table, name) for table in shown]) for name in ("q", "g_mm"))
+    u_t_s = np.concatenate([table.u_t_s for table in shown if table.u_t_s is not None])
+    return CircleTable(shown[0].test, shown[0].direction, t_s, q, g_mm, u_t_s)
+
+
+def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) -> LapRows:
+    """What all rows of the laps come to, which begin at circle angle start, rad."""
+    at_s = (np.concatenate([part.at_ns for part in parts]) - first_ns) / 1e9
+    cell = np.concatenate([part.cell for part in parts])
+    lap = _lap_of(laps, at_s, cell, start)
+    inside, shape = lap >= 0, (laps.count, NODES)
+    place = lap[inside] * NODES + cell[inside] % NODES
+    columns = np.concatenate([part.sums for part in parts])[inside].T
+    sums = {
+        name: np.bincount(place, of_rows, laps.count * NODES).reshape(shape)
+        for name, of_rows in zip(_SUMS, columns, strict=True)
+    }
+    left, right = (np.stack([sums[f"{side}{gauge}"] for gauge in (1, 2)]) for side in ("left", "right"))
+    count, *counts = (int(sums[name].sum()) for name in ("count", "wild1", "wild2", "new1", "new2"))
+    middles = (np.array([part.middle_ns for part in parts]) - first_ns) / 1e9
+    of_laps = parts[int(np.argmax((middles >= laps.t_s[0]) & (middles <= laps.t_s[-1])))]
+    return LapRows(
+        HatSums(sums["before"], sums["between"], sums["beyond"], left, right),
+        np.zeros((5, 2)),
+        count,
+        (counts[0], counts[1]),
+        (counts[2], counts[3]),
+        tuple(float(np.ptp(column)) for column in laps.g_mm.T),
+        of_laps.step_mm,
+        of_laps.noise_mm,
+    )
+
+
+def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
+    """The lap (m,), from 0, in which a stretch of rows lies; -1 for those before, between and after the laps.
+
+    The times of laps are known to a few rows of the shown table: there the circle angle tells on which side it is."""
+    (of_start,), (behind,) = place_of(np.array([start]))
+    middle = cell % NODES + 0.5
+    middle[cell == of_start] = of_start + behind / 2
+    middle[cell == of_start + NODES] = of_start + (1 + behind) / 2
+    is_early = SENSE[laps.direction] * (middle - of_start - behind) % NODES < NODES / 2
+    shown = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1)
+    near_s = _NEAR * float(np.median(np.diff(laps.t_s)))
+    lap = np.full(len(at_s), -1)
+    for number in range(laps.count):
+        t_s = laps.t_s[shown == number]
+        begun = (at_s > t_s[0] - near_s) & (is_early | (at_s > t_s[0] + near_s))
+        goes_on = (at_s < t_s[-1] + near_s) & (~is_early | (at_s < t_s[-1] - near_s))
+        lap[begun & goes_on] = number
+    return lap
