@@ -21,7 +21,7 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.reduction import HatSums, LapRows, Reduced, of_rows, place_of, wild_of
 from analysis.noise.certificate import beyond_certificates, corrected_gauges
-from analysis.noise.readings import noise_beneath, step_of
+from analysis.noise.readings import Mask, noise_beneath, step_of
 from analysis.noise.spectrum import NODES
 from analysis.traces.align import Joined, NotTogether, Seen, doubts_of, gauges_of, join
 from analysis.traces.condition import NOT_SHOWN, condition_of
@@ -38,11 +38,13 @@ from rigs.schema.vocabulary import CIRCLES
 
 _SHOWN = 100_000
 """Rows of the table that stands for all: 140 at each node of a single lap."""
-_ROBOT_SHOWN = 500_000
-"""Rows of the robot by which its condition is judged: of a day one each fifth of a second, and each that shows another
-state."""
-_STRETCHES, _SHORTEST = 200_000, 64
-"""Rows beside one node are summed in so many stretches of time, 20 MB, or of so many rows where those are fewer."""
+_ROBOT_SHOWN = 100_000
+"""Rows of the robot by which its condition is judged, as of three minutes at 500 Hz; of a longer run every so many, and
+each that shows another state."""
+_STRETCHES, _SHORTEST = 100_000, 64
+"""Rows beside one node are summed in so many stretches of time, 10 MB, or of so many rows where those are fewer."""
+_BLOCK = 1 << 13
+"""Rows at a time, so that what is computed of them stays in the processor's cache."""
 _NEAR = 8
 """Rows of the shown table within which a lap begins and ends."""
 _SAMPLE = 20_000
@@ -55,8 +57,8 @@ rows that differ from the one before."""
 @dataclass(frozen=True)
 class _Rows:
     """The rows of a part. at_ns, cell (m,): when each stretch of them begins, and the node behind which it lies, and
-    NODES more beyond the angle at which laps begin; sums (m, len(_SUMS)); shown: table of every so many rows, its t_s in ns;
-    u_lag_s; count; step_mm, noise_mm (k,) of its middle, at middle_ns; beyond: rows beyond a certificate."""
+    NODES more beyond the angle at which laps begin; sums (m, len(_SUMS)); shown: table of every so many rows, its t_s
+    in ns; u_lag_s; count; step_mm, noise_mm (k,) of its middle, at middle_ns; beyond: rows beyond a certificate."""
 
     at_ns: Array
     cell: Integers
@@ -170,28 +172,37 @@ def _stretches(phi: Array, g_mm: Array, start: float, taken: int, length: int) -
     """The first rows (m,) of stretches of some length at the most, their cells (m,) and their sums (m, len(_SUMS)).
 
     Where the robot trembles between two cells, the rows of each of them are one stretch all the same."""
-    cell, share = place_of(phi)
-    (of_start,), (behind,) = place_of(np.array([start]))
-    key = cell + NODES * ((cell == of_start) & (share >= behind))
-    slot = np.arange(taken, taken + len(phi)) // length
-    begins = np.flatnonzero(np.append(True, (np.diff(key) != 0) | (np.diff(slot) != 0)))
-    sums = np.add.reduceat(_summed_rows(phi, g_mm, share), begins, axis=1)
-    _, first, stretch = np.unique(slot[begins] * (2 * NODES) + key[begins], return_index=True, return_inverse=True)
-    merged = np.stack([np.bincount(stretch, of_rows) for of_rows in sums], axis=1)
-    return begins[first], key[begins[first]], merged
-
-
-def _summed_rows(phi: Array, g_mm: Array, share: Array) -> Array:
-    """What is summed, (len(_SUMS), n)."""
     lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
     wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap)
-    rows = np.empty((len(_SUMS), len(phi)))
-    rows[0], rows[1], rows[2], rows[3] = 1.0, (1 - share) ** 2, share * (1 - share), share**2
-    rows[4:6], rows[6:8] = (1 - share) * g_mm.T, share * g_mm.T
+    (of_start,), (behind,) = place_of(np.array([start]))
+    firsts, keys, sums = [], [], []
+    for begin in range(0, len(phi), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        cell, share = place_of(phi[rows])
+        key = cell + NODES * ((cell == of_start) & (share >= behind))
+        key += 2 * NODES * (np.arange(taken + begin, taken + begin + len(cell)) // length)
+        changes = np.append(0, np.flatnonzero(np.diff(key)) + 1)
+        firsts.append(begin + changes)
+        keys.append(key[changes])
+        before = g_mm[begin - 1 : begin] if begin else np.full((1, 2), np.nan)
+        of_rows = _summed_rows(share, g_mm[rows], np.append(before, g_mm[rows][:-1], axis=0), wild[:, rows])
+        sums.append(np.add.reduceat(of_rows, changes, axis=1))
+    key, first, stretch = np.unique(np.concatenate(keys), return_index=True, return_inverse=True)
+    together = np.stack([np.bincount(stretch, of_each) for of_each in np.concatenate(sums, axis=1)], axis=1)
+    return np.concatenate(firsts)[first], key % (2 * NODES), together
+
+
+def _summed_rows(share: Array, g_mm: Array, before_mm: Array, wild: Mask) -> Array:
+    """What is summed, (len(_SUMS), n), of rows at a share (n,) of the way to the next node, with readings (n, 2) that
+    come after others, and which of them (2, n) are wild."""
+    sums = np.empty((len(_SUMS), len(share)))
+    back = 1 - share
+    sums[0], sums[1], sums[2], sums[3] = 1.0, back**2, share * back, share**2
+    sums[4:6], sums[6:8] = back * g_mm.T, share * g_mm.T
     if wild.any():
-        rows[1:8] *= ~wild.any(axis=0)
-    rows[8:10], rows[10:12, 0], rows[10:12, 1:] = wild, 1.0, (np.diff(g_mm, axis=0) != 0).T
-    return rows
+        sums[1:8] *= ~wild.any(axis=0)
+    sums[8:10], sums[10:12] = wild, (g_mm != before_mm).T
+    return sums
 
 
 def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:

@@ -11,15 +11,17 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.traces.clocks import Columns
 from daq.store import Manifest, chunks_of
 from rigs.errors import FileError
 
-_ROWS = 400_000
-"""Rows of gauge 1 in a part: 100 s at 4 kHz, over which a clock is a straight line (`lower_hull.WINDOW_S`)."""
+_ROWS = 300_000
+"""Rows of gauge 1 in a part: 75 s at 4 kHz, over which a clock is a straight line (`lower_hull.WINDOW_S`)."""
 _MARGIN_NS = 6e9
 """What a part has of its neighbours. `steady_pace` sees within four seconds whether lateness stays."""
 
@@ -83,7 +85,7 @@ class _Window:
         for chunk in self._kept:
             rows = slice(*np.searchsorted(chunk["last_byte_ns"], (begin_ns, end_ns), side="left"))
             pieces.append({name: column[rows] for name, column in chunk.items()})
-        return {name: np.concatenate([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())}
+        return {name: _joined([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())}
 
     def time_after(self, begin_ns: float, rows: int) -> float:
         """When the row came that is so many behind the first from begin_ns on; inf where hardly half as many more are
@@ -111,3 +113,11 @@ class _Window:
                 raise FileError(str(self._path), "has stamps that go back", "restore the run from a copy")
             self._kept.append(chunk)
         return True
+
+
+def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """The pieces of a column as one; of those that hold one value a view of it, as `daq.store` reads them."""
+    first = pieces[0]
+    if all(piece.strides == (0,) and piece[:1].tobytes() == first[:1].tobytes() for piece in pieces):
+        return np.broadcast_to(first[0], (sum(len(piece) for piece in pieces),))
+    return np.concatenate(pieces)

@@ -119,7 +119,7 @@ def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str,
     columns = [name for name in schema.names if name != "sequence"]
     for chunk in manifest.chunks_of(stream):
         table = read_chunk(path, chunk, schema, columns)
-        yield {name: array_of(table[name]) for name in columns}
+        yield {name: _array(table[name]) for name in columns}
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
