@@ -9,7 +9,7 @@ one node then falls into a lap by its time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 from analysis.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
-from analysis.measures.reduction import HatSums, LapRows, Reduced, of_rows, place_of, wild_of
+from analysis.measures.reduction import HatSums, LapRows, Reduced, base_of, of_rows, place_of, slopes_of, wild_of
 from analysis.noise.certificate import beyond_certificates, corrected_gauges
 from analysis.noise.readings import Mask, noise_beneath, step_of
 from analysis.noise.spectrum import NODES
@@ -45,13 +45,16 @@ _STRETCHES, _SHORTEST = 100_000, 64
 """Rows beside one node are summed in so many stretches of time, 10 MB, or of so many rows where those are fewer."""
 _BLOCK = 1 << 13
 """Rows at a time, so that what is computed of them stays in the processor's cache."""
+_ROUNDS = 60
+"""Of finding the line by which readings of a part are wild: twice as many as where every node has rows."""
 _NEAR = 8
 """Rows of the shown table within which a lap begins and ends."""
 _SAMPLE = 20_000
 """Rows in turn by which the steps of a gauge and the noise beneath them are seen (`noise.readings`)."""
-_SUMS = ("count", "before", "between", "beyond", "left1", "left2", "right1", "right2", "wild1", "wild2", "new1", "new2")
-"""What is summed over the rows of a stretch: rows, products of hat functions, readings by these, rows that are wild,
-rows that differ from the one before."""
+_HATS = ("before", "between", "beyond", "cubes", "fourths", "left1", "left2", "right1", "right2")
+_SUMS = (*_HATS, "count", "wild1", "wild2", "new1", "new2")
+"""What is summed over the rows of a stretch that are not wild: products of hat functions, third and fourth powers of
+the second, readings by both; over all: rows, those that are wild, those that differ from the one before."""
 
 
 @dataclass(frozen=True)
@@ -113,13 +116,14 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
         shown = _shown_of_robot(part, manifest)
         try:
             joined = join(run.path, part.streams, manifest.test, rig, (part.begin_ns, part.end_ns))
-        except NotTogether:
-            yield _Piece(shown, _nothing_seen(part, manifest, rig))
+        except NotTogether as apart:
+            yield _Piece(shown, dict(apart.seen))
             continue
         if leaps_of(joined.robot.ns / 1e9, joined.robot.values, rig):
             raise _AsAWhole
-        yield _Piece(shown, dict(joined.seen), _rows_of(joined, manifest, rig, taken))
-        taken += len(joined.rows_ns)
+        rows = _rows_of(joined, manifest, rig, taken)
+        yield _Piece(shown, dict(joined.seen), rows)
+        taken += rows.count
 
 
 def _together(run: Run, rig: Rig, known: Sequence[str], pieces: Sequence[_Piece]) -> tuple[Measured, Reduced] | None:
@@ -143,19 +147,23 @@ def _together(run: Run, rig: Rig, known: Sequence[str], pieces: Sequence[_Piece]
 
 def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     """What the rows of a part come to. taken: rows of the parts before."""
-    circle, rows_ns, total = circle_of(rig), joined.rows_ns, rows_of_gauge(manifest)
-    phi = _angles(joined, frame_of(circle), rig)
-    g_mm, beyond = corrected_gauges(rig, gauges_of(manifest.test, rig), joined.g_mm)
+    circle, total, inside = circle_of(rig), rows_of_gauge(manifest), joined.inside
+    phi, g_mm = _angles(joined, frame_of(circle), rig), joined.g_mm
+    lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
+    wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
+    is_new = (np.diff(g_mm, axis=0, prepend=np.nan) != 0)[inside]
+    phi, rows_ns = phi[inside], joined.rows_ns[inside]
+    g_mm, beyond = corrected_gauges(rig, gauges_of(manifest.test, rig), g_mm[inside])
     step = -(-total // _SHOWN)
     shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows
-    q = joined.q_at(rows_ns[shown])
+    q, own_u_s = joined.q_at(rows_ns[shown]), joined.own_u_s[inside][shown]
     assert manifest.direction is not None and (manifest.test == "yaw" or manifest.test == "roll")  # noqa: S101, PLR1714
-    table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], joined.own_u_s[shown])
+    table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], own_u_s)
     middle = max(0, (len(rows_ns) - _SAMPLE) // 2)
     steps = tuple(step_of(column[middle:]) for column in g_mm.T)
     noise = tuple(noise_beneath(column[middle:], step_mm) for column, step_mm in zip(g_mm.T, steps, strict=True))
-    length = max(_SHORTEST, total // _STRETCHES)
-    at, cell, sums = _stretches(phi, g_mm, float(np.radians(circle.start_deg)), taken, length)
+    slot = np.arange(taken, taken + len(phi)) // max(_SHORTEST, total // _STRETCHES)
+    at, cell, sums = _stretches(phi, g_mm, np.concatenate([wild, is_new.T]), slot, float(np.radians(circle.start_deg)))
     return _Rows(
         rows_ns[at], cell, sums, table, joined.u_lag_s, len(rows_ns), steps, noise, float(rows_ns[middle]), beyond
     )
@@ -168,40 +176,36 @@ def _angles(joined: Joined, frame: CircleFrame, rig: Rig) -> Array:
     return np.interp(joined.rows_ns, joined.robot.ns, of_robot)
 
 
-def _stretches(phi: Array, g_mm: Array, start: float, taken: int, length: int) -> tuple[Integers, Integers, Array]:
-    """The first rows (m,) of stretches of some length at the most, their cells (m,) and their sums (m, len(_SUMS)).
+def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
+    """The first rows (m,) of stretches of rows in one slot of time, their cells (m,) and their sums (m, len(_SUMS)).
 
-    Where the robot trembles between two cells, the rows of each of them are one stretch all the same."""
-    lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
-    wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap)
+    marks (4, n): which readings are wild, and which differ from the one before. Where the robot trembles between two
+    cells, the rows of each of them are one stretch all the same."""
     (of_start,), (behind,) = place_of(np.array([start]))
     firsts, keys, sums = [], [], []
     for begin in range(0, len(phi), _BLOCK):
         rows = slice(begin, begin + _BLOCK)
         cell, share = place_of(phi[rows])
-        key = cell + NODES * ((cell == of_start) & (share >= behind))
-        key += 2 * NODES * (np.arange(taken + begin, taken + begin + len(cell)) // length)
+        key = cell + NODES * ((cell == of_start) & (share >= behind)) + 2 * NODES * slot[rows]
         changes = np.append(0, np.flatnonzero(np.diff(key)) + 1)
         firsts.append(begin + changes)
         keys.append(key[changes])
-        before = g_mm[begin - 1 : begin] if begin else np.full((1, 2), np.nan)
-        of_rows = _summed_rows(share, g_mm[rows], np.append(before, g_mm[rows][:-1], axis=0), wild[:, rows])
-        sums.append(np.add.reduceat(of_rows, changes, axis=1))
+        sums.append(np.add.reduceat(_summed_rows(share, g_mm[rows], marks[:, rows]), changes, axis=1))
     key, first, stretch = np.unique(np.concatenate(keys), return_index=True, return_inverse=True)
-    together = np.stack([np.bincount(stretch, of_each) for of_each in np.concatenate(sums, axis=1)], axis=1)
+    columns = np.concatenate(sums, axis=1)
+    together = np.stack([np.bincount(stretch, column).astype(np.float64) for column in columns], axis=1)
     return np.concatenate(firsts)[first], key % (2 * NODES), together
 
 
-def _summed_rows(share: Array, g_mm: Array, before_mm: Array, wild: Mask) -> Array:
-    """What is summed, (len(_SUMS), n), of rows at a share (n,) of the way to the next node, with readings (n, 2) that
-    come after others, and which of them (2, n) are wild."""
+def _summed_rows(share: Array, g_mm: Array, marks: Mask) -> Array:
+    """What is summed, (len(_SUMS), n), of readings (n, 2) at a share (n,) of the way to the next node; marks (4, n)."""
     sums = np.empty((len(_SUMS), len(share)))
-    back = 1 - share
-    sums[0], sums[1], sums[2], sums[3] = 1.0, back**2, share * back, share**2
-    sums[4:6], sums[6:8] = back * g_mm.T, share * g_mm.T
-    if wild.any():
-        sums[1:8] *= ~wild.any(axis=0)
-    sums[8:10], sums[10:12] = wild, (g_mm != before_mm).T
+    back, square = 1 - share, share**2
+    sums[:5] = back**2, share * back, square, square * share, square**2
+    sums[5:7], sums[7:9] = back * g_mm.T, share * g_mm.T
+    if marks[:2].any():
+        sums[: len(_HATS)] *= ~marks[:2].any(axis=0)
+    sums[9], sums[10:] = 1.0, marks
     return sums
 
 
@@ -221,15 +225,6 @@ def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
     return {name: column[shown] for name, column in columns.items()}
 
 
-def _nothing_seen(part: Part, manifest: Manifest, rig: Rig) -> dict[str, Seen]:
-    """What is seen of a part in which gauges and robot did not read at the same time: rows in a gap of all others."""
-    stream = next((columns for columns in part.streams.values() if "g1_mm" in columns), None)
-    came_ns = stream["last_byte_ns"] if stream else np.empty(0)
-    rows = int(np.ptp(np.searchsorted(came_ns, (part.begin_ns, part.end_ns), side="left")))
-    names = [*gauges_of(manifest.test, rig), "robot"]
-    return {name: Seen(before=rows * (name != "g1"), has_rows=False) for name in names}
-
-
 def _table_of(shown: Sequence[CircleTable], first_ns: float) -> CircleTable:
     """The tables of all parts as one, with times in s."""
     t_s = (np.concatenate([table.t_s for table in shown]) - first_ns) / 1e9
@@ -247,16 +242,18 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
     place = lap[inside] * NODES + cell[inside] % NODES
     columns = np.concatenate([part.sums for part in parts])[inside].T
     sums = {
-        name: np.bincount(place, of_rows, laps.count * NODES).reshape(shape)
-        for name, of_rows in zip(_SUMS, columns, strict=True)
+        name: np.bincount(place, column, laps.count * NODES).astype(np.float64).reshape(shape)
+        for name, column in zip(_SUMS, columns, strict=True)
     }
-    left, right = (np.stack([sums[f"{side}{gauge}"] for gauge in (1, 2)]) for side in ("left", "right"))
+    base = base_of(laps)
+    pulls = [np.stack([sums[f"{side}{gauge}"] for gauge in (1, 2)]) for side in ("left", "right")]
+    left, right = (pull - taken for pull, taken in zip(pulls, _pulls_of(base, sums), strict=True))
     count, *counts = (int(sums[name].sum()) for name in ("count", "wild1", "wild2", "new1", "new2"))
     middles = (np.array([part.middle_ns for part in parts]) - first_ns) / 1e9
     of_laps = parts[int(np.argmax((middles >= laps.t_s[0]) & (middles <= laps.t_s[-1])))]
     return LapRows(
         HatSums(sums["before"], sums["between"], sums["beyond"], left, right),
-        np.zeros((5, 2)),
+        base,
         count,
         (counts[0], counts[1]),
         (counts[2], counts[3]),
@@ -264,6 +261,21 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
         of_laps.step_mm,
         of_laps.noise_mm,
     )
+
+
+def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
+    """What the sums (2, L, NODES) of readings by both hat functions are, if the readings are waves (5, 2).
+
+    Behind a node a wave goes on as its Taylor polynomial: beyond the third order 4e-9 of it is missing."""
+    beyond, third, fourth = sums["beyond"], sums["cubes"], sums["fourths"]
+    first = sums["between"] + beyond
+    powers = [sums["before"] + 2 * sums["between"] + beyond, first, beyond, third, fourth]
+    left, right = np.zeros((2, 2, *beyond.shape))
+    for order, slope in enumerate(slopes_of(base)):
+        by_node = slope.T[:, None, :]
+        left += by_node * (powers[order] - powers[order + 1])
+        right += by_node * powers[order + 1]
+    return left, right
 
 
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
@@ -275,7 +287,7 @@ def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
     middle[cell == of_start] = of_start + behind / 2
     middle[cell == of_start + NODES] = of_start + (1 + behind) / 2
     is_early = SENSE[laps.direction] * (middle - of_start - behind) % NODES < NODES / 2
-    shown = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1)
+    shown = np.minimum((np.abs(laps.phi - start) + 1e-9) // (2 * np.pi), laps.count - 1)
     near_s = _NEAR * float(np.median(np.diff(laps.t_s)))
     lap = np.full(len(at_s), -1)
     for number in range(laps.count):

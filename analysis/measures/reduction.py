@@ -75,12 +75,11 @@ class HatSums:
         """The same sums without the rows behind some nodes (L, NODES)."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
-    @property
-    def lines(self) -> Array:
+    def lines(self, rounds: int = 2 * NODES) -> Array:
         """The closed broken lines (L, NODES, k) through NODES that fit the readings best, lap by lap, as smooth
-        curves."""
+        curves; some thirty rounds find them where every node has rows."""
         pull = self.left + np.roll(self.right, 1, axis=2)
-        lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull)
+        lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
         smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
         nodes: Array = np.moveaxis(smooth, 0, 2)
         return nodes
@@ -104,8 +103,7 @@ class LapRows:
 
 def reduced(laps: Laps) -> Reduced:
     """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
-    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
-    base = np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+    base = base_of(laps)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
     rough = _less_base(laps.phi, laps.g_mm, base)
     wild = wild_of(laps.phi, rough, lap)
@@ -118,21 +116,40 @@ def reduced(laps: Laps) -> Reduced:
     return of_rows(laps, LapRows(hats, base, len(laps.phi), counts, changed, ranges, steps, beneath))
 
 
-def wild_of(phi: Array, rough: Array, lap: Integers) -> Mask:
-    """Which of readings rough (n, k) at phi (n,) rad of laps counted from 0 are wild, (k, n)."""
+def base_of(laps: Laps) -> Array:
+    """Level and the first two orders (5, k) of the readings, which the broken lines need not follow."""
+    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
+    return np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+
+
+def slopes_of(base: Array) -> list[Array]:
+    """The Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by the share of the
+    way to the next."""
+    step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
+    derived = np.zeros((5, 5))
+    derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2
+    for order in range(1, 4):
+        base = derived @ base * (step / order)
+        slopes.append(_waves(PHI) @ base)
+    return slopes
+
+
+def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
+    """Which of readings rough (n, k) at phi (n,) rad of laps counted from 0 are wild, (k, n). rounds: of finding lines;
+    of a part of a lap few are enough, since between its nodes no others matter."""
     wild = np.array([is_wild(column) for column in rough.T])
     if wild.any():  # where there are some, others may have come too many in a row to leave their neighbours
-        wild |= _off_the_line(phi, rough, lap, _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines)
+        wild |= _off_the_line(phi, rough, lap, _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds))
     return wild
 
 
 def of_rows(laps: Laps, rows: LapRows) -> Reduced:
     """The readings at NODES circle angles of laps whose rows came to this."""
     added = _waves(PHI) @ rows.base
-    hats, nodes = rows.hats, rows.hats.lines + added
+    hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
     if odd.any():
-        nodes = hats.without(odd).lines + added
+        nodes = hats.without(odd).lines() + added
         nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
     order = _driven(laps)
     nodes, notes = _steady(nodes[:, order])
@@ -187,7 +204,7 @@ def nodes_of(phi: Array, y: Array) -> Array:
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
-    nodes: Array = (_hat_sums(phi, rough, once, all_rows).lines[0] + _waves(PHI) @ base)[:, 0]
+    nodes: Array = (_hat_sums(phi, rough, once, all_rows).lines()[0] + _waves(PHI) @ base)[:, 0]
     return nodes
 
 
@@ -221,8 +238,8 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
     shape = (-1, count, NODES)
-    of_rows = (values.reshape(shape)[0] for values in (before, between, beyond))
-    return HatSums(*of_rows, pull_left.reshape(shape), pull_right.reshape(shape))
+    before, between, beyond = (values.reshape(count, NODES) for values in (before, between, beyond))
+    return HatSums(before, between, beyond, pull_left.reshape(shape), pull_right.reshape(shape))
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:
@@ -232,11 +249,11 @@ def place_of(phi: Array) -> tuple[Integers, Array]:
     return left.astype(np.int64) % NODES, place - left
 
 
-def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
+def _solved(diagonal: Array, beside: Array, pull: Array, rounds: int) -> Array:
     """The broken lines (k, L, NODES) of cyclic normal equations, a little stiff, so that a node without rows is
     bridged.
 
-    By conjugate gradients (Hestenes and Stiefel 1952): some thirty steps where every node has rows.
+    By conjugate gradients (Hestenes and Stiefel 1952), so many steps at the most.
     """
     stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
     scale = 1 / (diagonal + 6 * stiff)
@@ -252,7 +269,7 @@ def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
     way = scale * left
     size = (left * way).sum(axis=-1, keepdims=True)
     enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
-    for _ in range(2 * NODES):
+    for _ in range(rounds):
         if (size <= enough).all():
             break
         moved = normal(way)

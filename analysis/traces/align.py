@@ -33,6 +33,9 @@ _OFTEN = 0.05
 robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
 _BLOCK = 1 << 14
 """Rows at a time, so that what is computed of them stays in the processor's cache."""
+_CONTEXT = 8
+"""Rows before and after a part by which it is judged whether one at its end is wild (`noise.readings`)."""
+_NEVER = ("gauges and robot were never recorded at the same time", "record both through the whole test")
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _TOGETHER = {
@@ -124,11 +127,12 @@ class Seen:
 
 @dataclass(frozen=True)
 class Joined:
-    """A run, or a part of it, on the rows of gauge 1 at which all was measured: rows_ns (n,); the tracks of the gauges
-    and of the robot, which span these rows; u_lag_s and own_u_s (n,) as in `Aligned`; seen: by the name of each
-    instrument."""
+    """A run, or a part of it, on the rows of gauge 1 at which all was measured: rows_ns (n,), of which those `inside`
+    are of the part, and a few come before and after; the tracks of the gauges and of the robot, which span these rows;
+    u_lag_s and own_u_s (n,) as in `Aligned`; seen: by the name of each instrument."""
 
     rows_ns: Array
+    inside: slice
     gauges: tuple[Track, ...]
     robot: Track
     u_lag_s: float
@@ -146,7 +150,11 @@ class Joined:
 
 
 class NotTogether(FileError):
-    """Gauges and robot were not read at the same time."""
+    """Gauges and robot were not read at the same time; seen: of each of them, in a part of a run."""
+
+    def __init__(self, where: str, what: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
+        super().__init__(where, what, remedy)
+        self.seen = seen or {}
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
@@ -169,41 +177,56 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
 
     At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
     """
-    names = gauges_of(test, rig)
-    read = [_gauge(path, streams, test, rig, name, part) for name in names] + [_robot(path, streams, part)]
-    tracks = [track for track, _ in read]
-    seen = dict(zip([*names, "robot"], (counts for _, counts in read), strict=True))
-    for name, track in zip(seen, tracks, strict=True):
-        if len(track.ns) < 2:
-            raise NotTogether(
-                str(path),
-                f"holds fewer than two readings of {name} at known times",
-                "record again, and check the rates with rig status",
-            )
-    (first, *others), robot = tracks, tracks[-1]
-    rows_ns = first.ns
-    inside = np.ones(len(rows_ns), dtype=bool) if first.inside is None else first.inside
+    tracks, seen = _read(path, streams, test, rig, part)
+    if "g1" not in tracks:
+        raise NotTogether(str(path), *_NEVER, seen)
+    rows_ns, inside = tracks["g1"].ns, tracks["g1"].inside
+    inside = np.ones(len(rows_ns), dtype=bool) if inside is None else inside
     keep = inside.copy()
-    for name, track in zip(list(seen)[1:], others, strict=True):
+    for place in np.flatnonzero(np.diff(inside)).tolist():
+        keep[max(0, place + 1 - _CONTEXT) : place + 1 + _CONTEXT] = True
+    for name in list(seen)[1:]:
+        track = tracks.get(name)
+        if track is None:
+            keep[:], seen[name] = False, replace(seen[name], before=int(inside.sum()))
+            continue
         begin, end = np.searchsorted(rows_ns, track.ns[0]), np.searchsorted(rows_ns, track.ns[-1], side="right")
         keep[:begin], keep[end:] = False, False
-        gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if track is robot else JUMPS_NS)
+        gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if name == "robot" else JUMPS_NS)
         keep &= gaps == 0
         gaps = gaps[begin:end][(gaps[begin:end] > 0) & inside[begin:end]]
-        seen[name] = replace(
-            seen[name],
-            gaps=len(gaps),
-            longest_ns=float(gaps.max(initial=0.0)),
-            before=int(inside[:begin].sum()),
-            after=int(inside[end:].sum()),
-        )
-    if keep.sum() < 2:
-        raise NotTogether(
-            str(path), "gauges and robot were never recorded at the same time", "record both through the whole test"
-        )
+        before, after = int(inside[:begin].sum()), int(inside[end:].sum())
+        longest_ns = float(gaps.max(initial=0.0))
+        seen[name] = replace(seen[name], gaps=len(gaps), longest_ns=longest_ns, before=before, after=after)
+    there = np.flatnonzero(inside[keep])
+    if len(there) < 2:
+        raise NotTogether(str(path), *_NEVER, seen)
     rows_ns = rows_ns if keep.all() else rows_ns[keep]
-    u_lag_s = float(np.hypot(max(track.u_s for track in tracks[:-1]), robot.u_s))
-    return Joined(rows_ns, tuple(tracks[:-1]), robot, u_lag_s, _own_u_s(rows_ns, tracks[:-1], robot), seen)
+    robot, of_part = tracks.pop("robot"), slice(int(there[0]), int(there[-1]) + 1)
+    gauges = tuple(tracks.values())
+    u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
+    return Joined(rows_ns, of_part, gauges, robot, u_lag_s, _own_u_s(rows_ns, gauges, robot), seen)
+
+
+def _read(
+    path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None
+) -> tuple[dict[str, Track], dict[str, Seen]]:
+    """Gauges and robot of a run, or those of them that read in a part. Raises FileError."""
+    tracks, seen = {}, {}
+    for name in [*gauges_of(test, rig), "robot"]:
+        try:
+            track, seen[name] = (
+                _robot(path, streams, part) if name == "robot" else _gauge(path, streams, test, rig, name, part)
+            )
+            if len(track.ns) < 2:
+                what = f"holds fewer than two readings of {name} at known times"
+                raise NotTogether(str(path), what, "record again, and check the rates with rig status")
+            tracks[name] = track
+        except NotTogether:
+            if part is None:
+                raise
+            seen[name] = replace(seen.get(name, Seen()), has_rows=False)
+    return tracks, seen
 
 
 def gauges_of(test: TestName, rig: Rig) -> list[str]:

@@ -84,7 +84,8 @@ class _Window:
         pieces = []
         for chunk in self._kept:
             rows = slice(*np.searchsorted(chunk["last_byte_ns"], (begin_ns, end_ns), side="left"))
-            pieces.append({name: column[rows] for name, column in chunk.items()})
+            if rows.start < rows.stop:
+                pieces.append({name: column[rows] for name, column in chunk.items()})
         return {name: _joined([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())}
 
     def time_after(self, begin_ns: float, rows: int) -> float:
