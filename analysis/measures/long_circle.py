@@ -51,7 +51,7 @@ _NEAR = 8
 """Rows of the shown table within which a lap begins and ends."""
 _SAMPLE = 20_000
 """Rows in turn by which the steps of a gauge and the noise beneath them are seen (`noise.readings`)."""
-_HATS = ("before", "between", "beyond", "cubes", "fourths", "left1", "left2", "right1", "right2")
+_HATS = ("before", "between", "beyond", "cubes", "fourths", "near1", "near2", "far1", "far2")
 _SUMS = (*_HATS, "count", "wild1", "wild2", "new1", "new2")
 """What is summed over the rows of a stretch that are not wild: products of hat functions, third and fourth powers of
 the second, readings by both; over all: rows, those that are wild, those that differ from the one before."""
@@ -97,12 +97,12 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     rig = calibrated_beside(rig_of(run), directory)
     if rig.gauges.g2 is None:
         return None
-    known = known_doubts(run, rig)
+    beforehand = known_doubts(run, rig)
     try:
         pieces = list(_pieces(directory, run, rig))
     except (FileError, _AsAWhole):
         return None  # the whole run says what is wrong with it, and in which row
-    return _together(run, rig, known, pieces)
+    return _together(run, rig, beforehand, pieces)
 
 
 class _AsAWhole(Exception):
@@ -126,7 +126,9 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
         taken += rows.count
 
 
-def _together(run: Run, rig: Rig, known: Sequence[str], pieces: Sequence[_Piece]) -> tuple[Measured, Reduced] | None:
+def _together(
+    run: Run, rig: Rig, beforehand: Sequence[str], pieces: Sequence[_Piece]
+) -> tuple[Measured, Reduced] | None:
     """The run and its readings. Raises FileError where it holds no laps."""
     parts = [piece.rows for piece in pieces if piece.rows is not None]
     if not parts:
@@ -141,7 +143,7 @@ def _together(run: Run, rig: Rig, known: Sequence[str], pieces: Sequence[_Piece]
     shown = [piece.robot for piece in pieces if piece.robot]
     robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
     condition = condition_of(robot) if robot else NOT_SHOWN
-    measured = measured_as(run, rig, table, u_lag_s, [*known, *doubts], condition)
+    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
     return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
 
 
@@ -246,13 +248,13 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
         for name, column in zip(_SUMS, columns, strict=True)
     }
     base = base_of(laps)
-    pulls = [np.stack([sums[f"{side}{gauge}"] for gauge in (1, 2)]) for side in ("left", "right")]
-    left, right = (pull - taken for pull, taken in zip(pulls, _pulls_of(base, sums), strict=True))
+    pulls = [np.stack([sums[f"{side}{gauge}"] for gauge in (1, 2)]) for side in ("near", "far")]
+    near, far = (pull - taken for pull, taken in zip(pulls, _pulls_of(base, sums), strict=True))
     count, *counts = (int(sums[name].sum()) for name in ("count", "wild1", "wild2", "new1", "new2"))
     middles = (np.array([part.middle_ns for part in parts]) - first_ns) / 1e9
     of_laps = parts[int(np.argmax((middles >= laps.t_s[0]) & (middles <= laps.t_s[-1])))]
     return LapRows(
-        HatSums(sums["before"], sums["between"], sums["beyond"], left, right),
+        HatSums(sums["before"], sums["between"], sums["beyond"], near, far),
         base,
         count,
         (counts[0], counts[1]),
@@ -270,12 +272,12 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
     beyond, third, fourth = sums["beyond"], sums["cubes"], sums["fourths"]
     first = sums["between"] + beyond
     powers = [sums["before"] + 2 * sums["between"] + beyond, first, beyond, third, fourth]
-    left, right = np.zeros((2, 2, *beyond.shape))
+    near, far = np.zeros((2, 2, *beyond.shape))
     for order, slope in enumerate(slopes_of(base)):
         by_node = slope.T[:, None, :]
-        left += by_node * (powers[order] - powers[order + 1])
-        right += by_node * powers[order + 1]
-    return left, right
+        near += by_node * (powers[order] - powers[order + 1])
+        far += by_node * powers[order + 1]
+    return near, far
 
 
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:

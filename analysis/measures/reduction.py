@@ -58,13 +58,13 @@ class Reduced:
 @dataclass(frozen=True)
 class HatSums:
     """Sums over the rows of each lap beside each node, (L, NODES): before, between and beyond of the products of both
-    hat functions; left, right (k, L, NODES): of the readings of each gauge by the one and the other."""
+    hat functions; near, far (k, L, NODES): of the readings of each gauge by the one and the other."""
 
     before: Array
     between: Array
     beyond: Array
-    left: Array
-    right: Array
+    near: Array
+    far: Array
 
     @property
     def rows(self) -> Array:
@@ -78,7 +78,7 @@ class HatSums:
     def lines(self, rounds: int = 2 * NODES) -> Array:
         """The closed broken lines (L, NODES, k) through NODES that fit the readings best, lap by lap, as smooth
         curves; some thirty rounds find them where every node has rows."""
-        pull = self.left + np.roll(self.right, 1, axis=2)
+        pull = self.near + np.roll(self.far, 1, axis=2)
         lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
         smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
         nodes: Array = np.moveaxis(smooth, 0, 2)
@@ -179,13 +179,13 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
 def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask:
     """Which readings rough (n, k) leave the broken lines (L, NODES, k) through all, (k, n), and by more than a line
     changes there, as where a play is crossed."""
-    left, share = place_of(phi)
+    node, share = place_of(phi)
     wild = np.zeros(rough.shape[::-1], dtype=bool)
     for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
-        line = of_gauge[lap, left] * (1 - share) + of_gauge[lap, (left + 1) % NODES] * share
+        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
         away = np.abs(rough[:, k] - line)
         change = np.stack([changes(one) for one in of_gauge])
-        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, left])
+        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
     return wild
 
 
@@ -245,8 +245,8 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
 def place_of(phi: Array) -> tuple[Integers, Array]:
     """The node (n,) behind which each circle angle (n,) rad is, and its share (n,) of the way to the next."""
     place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
-    left = np.floor(place)
-    return left.astype(np.int64) % NODES, place - left
+    node = np.floor(place)
+    return node.astype(np.int64) % NODES, place - node
 
 
 def _solved(diagonal: Array, beside: Array, pull: Array, rounds: int) -> Array:

@@ -14,8 +14,8 @@ from tests.support.streamed_circle import Trouble, streamed_circle
 
 ROWS = 40_000
 SHIFTED = 0.03
-"""Share of its u by which a figure may change: of the twenty rows at a node here the one at the end of a lap may fall on
-its other side. Of a million rows it is a ten-thousandth."""
+"""Share of its u by which a figure may change: of the twenty rows at a node here the one at the end of a lap may fall
+on its other side. Of a million rows it is a ten-thousandth."""
 DRAWS = 0.03
 """Share of u by which u may change: 400 draws, of which those of the noise's size follow each bit of the readings."""
 TROUBLES = {
