@@ -19,7 +19,6 @@ on its other side. Of a million rows it is a ten-thousandth."""
 DRAWS = 0.03
 """Share of u by which u may change: 400 draws, of which those of the noise's size follow each bit of the readings."""
 TROUBLES = {
-    "none": Trouble(),
     "wild readings": Trouble(wild_every=700),
     "stamps and restarts near the ends of parts": Trouble(wrong=(0.13, 0.249, 0.6), restarts=(0.377, 0.7)),
     "a cable pulled between the laps": Trouble(pulled=(0.385, 0.615)),
