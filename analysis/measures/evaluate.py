@@ -20,7 +20,7 @@ from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import FEWEST_AXES
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult | TouchResult | PathResult
 
@@ -43,7 +43,7 @@ def evaluate(
     """
     if isinstance(table, PoseTable):
         iso = rig.tests.iso9283
-        cube = cube_of(rig) if iso and len(rig.robot.axes) == FEWEST_AXES else None
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == DRIVEN_AXES else None
         arm, instrument = arm_of(rig.robot), iso.instrument if iso else None
         return pose.evaluate(table, arm, TRACKER_U_MM, where=where, cube=cube, instrument=instrument)
     if isinstance(table, PathTable):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +32,7 @@ from analysis.traces.tables import (
 )
 from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
@@ -83,14 +84,20 @@ def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, 
 
 
 def _axes_in(columns: pa.Table) -> int:
-    """How many joints a table has: a seventh column that is none of the arm's is kept as text."""
-    seventh = joint_columns(7)[-1]
-    return 7 if seventh in columns.column_names and pa.types.is_floating(columns.schema.field(seventh).type) else 6
+    """How many joints a table has: of columns that are none of the arm's, as of a gripper, the names stay and the cells
+    are text. Fewer than any arm has are those of six, some of which are missing."""
+    joints = takewhile(lambda name: _is_number(columns, name), joint_columns(MOST_AXES))
+    return len(count) if len(count := list(joints)) >= FEWEST_AXES else DRIVEN_AXES
+
+
+def _is_number(columns: pa.Table, name: str) -> bool:
+    """Whether a table has a column of that name and of numbers: one that is none of ours is kept as text."""
+    return name in columns.column_names and pa.types.is_floating(columns.schema.field(name).type)
 
 
 def _has_rail(columns: pa.Table) -> bool:
-    """Whether a table says where a rail stands: a column of that name that is none is kept as text."""
-    return RAIL in columns.column_names and pa.types.is_floating(columns.schema.field(RAIL).type)
+    """Whether a table says where a rail stands."""
+    return _is_number(columns, RAIL)
 
 
 def _with_rail(q: Array, columns: pa.Table, name: str) -> Array:
@@ -108,8 +115,7 @@ def _joints(q: Array, names: tuple[str, ...], rail: str) -> dict[str, Array]:
 def u_lag_s_of(columns: pa.Table) -> float:
     """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
     states none."""
-    known = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
-    return float(_floats(columns, "u_lag_s").max(initial=0.0)) if known else 0.0
+    return float(_floats(columns, "u_lag_s").max(initial=0.0)) if _is_number(columns, "u_lag_s") else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:

@@ -1,4 +1,4 @@
-"""An arm of six or seven axes as a stranger makes it: product of exponentials, its own errors, poses and touches of it.
+"""An arm of any axes as a stranger makes it: product of exponentials, its own errors, poses and touches of it.
 
 It shares no line with the model of rig. Every arm has what sound ones show: constants a little off, joints that yield
 under gravity, a curve of each joint's angle error, scatter. Faults are hidden beside that.
@@ -178,7 +178,7 @@ def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Ar
         for _ in range(25):
             posed = pose(nominal, q)
             ball = posed.p + np.einsum("nij,j->ni", posed.R, ball_mm)
-            J = np.cross(posed.axis, ball[:, None] - posed.point)
+            J = nominal.coupling.T @ np.cross(posed.axis, ball[:, None] - posed.point)
             step = np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), socket_mm - ball)
             q += np.clip(step, -0.3, 0.3)
         posed = pose(nominal, q)
@@ -195,7 +195,8 @@ def corrected(robot: Robot, truth: Truth, q: Array, came_from: Array, socket_mm:
     nominal, q = arm_from(constants_of(robot)), q.copy()
     for _ in range(6):
         posed = pose(nominal, q)
-        J = np.cross(posed.axis, (posed.p + np.einsum("nij,j->ni", posed.R, ball_mm))[:, None] - posed.point)
+        ball = posed.p + np.einsum("nij,j->ni", posed.R, ball_mm)
+        J = nominal.coupling.T @ np.cross(posed.axis, ball[:, None] - posed.point)
         away = socket_mm - truth.places(q, came_from, ball_mm)
         q += np.einsum("nij,nj->ni", np.linalg.pinv(J.transpose(0, 2, 1)), away)
     return q
