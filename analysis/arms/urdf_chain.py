@@ -19,6 +19,8 @@ _SLIDES = "only a rail below all turning joints can slide: leave it out, with --
 _ENDLESS_RAD = 2 * np.pi
 """Limits of a joint that turns without end: a turn to either side, as most controllers that show such a joint count."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
+_GRIPPER = ("gripper", "jaw", "finger", "claw")
+"""What joints and links of a gripper are called; SO-100, SO-101, WidowX and Robotiq's are."""
 _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
 """Decimals of metres as written."""
@@ -69,6 +71,8 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     while up and down and up[0] is down[0]:
         up, down = up[1:], down[1:]
     chain = Chain(start, end, tuple(reversed(up)), tuple(down))
+    if tip is None:
+        _require_no_gripper(chain, where)
     _require_an_arm(chain, where)
     return chain
 
@@ -128,6 +132,16 @@ def _require_an_arm(chain: Chain, where: str) -> None:
     if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
         what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
         raise FileError(where, what, _REMEDY)
+
+
+def _require_no_gripper(chain: Chain, where: str) -> None:
+    """The last joint of an end that nobody chose must not be one that opens a gripper, as its name says."""
+    if not (moving := [joint for joint in chain.down if joint.moves]):
+        return
+    last = moving[-1]
+    if any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
+        what = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
+        raise FileError(where, what, f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis")
 
 
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:

@@ -32,8 +32,8 @@ of 100 random postures of an FR3, an iiwa 14 and a WAM 128 reach all within the 
 reach 70, 94 and 91; 65 to 165 ms a pose."""
 _ORTHONORMAL = 1e-6
 """How far the rows of a rotation may be from unit vectors at right angles: rounding of ten digits, and no mistake."""
-_UNTURNED_DEG, _UNTURNED_DIGITS = 1e-6, 6
-"""Degrees below which a turn is rounding, and decimals of rad to which turns are alike."""
+_UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
+"""Degrees below which a turn is rounding, and decimals of rad to which turns and postures are alike."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,10 @@ class CalibratedArm:
         """Those of an arm of fewer axes at the place of a pose (4, 4), the least turned; of turns that are alike those
         near others."""
         starts = self._starts(near)
-        poses = np.repeat(pose[None], len(starts), axis=0)
-        angles, there = reached_angles(self._model, poses, nearest(self._model.arm, poses, starts)[0])
+        nominal, there = nearest(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
+        seeds = nominal[there][np.unique(nominal[there].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
+        poses = np.repeat(pose[None], len(seeds), axis=0)
+        angles, there = reached_angles(self._model, poses, seeds)
         kept = angles[[there[k] and self._allowed(angles[k]) for k in range(len(angles))]]
         turned = turned_rad(tool_poses(self._model, kept), poses[: len(kept)]).round(_UNTURNED_DIGITS)
         order = np.lexsort((np.abs(kept - near).max(axis=1), turned))

@@ -60,6 +60,6 @@ def _step(jacobian: Array, error: Array) -> Array:
     to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
     step = np.einsum("nij,nj->ni", to_place, error[:, :3])
     free = np.eye(jacobian.shape[2]) - to_place @ J_place
-    left = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
-    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), left)
+    rest = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
+    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), rest)
     return np.asarray(step)

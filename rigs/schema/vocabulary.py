@@ -17,7 +17,7 @@ _WAYS: dict[str, Direction] = {
 }  # fmt: skip
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
-pose with six, so that circles, their programs and what controllers are told are of so many."""
+pose with six, so that circles, their programs and entries of controllers are of so many."""
 
 
 def direction_of(word: str) -> Direction | None:

@@ -277,6 +277,15 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None
     assert section.largest_mm < 1e-9  # held against the library at random places of the rail
 
 
+def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path) -> None:
+    jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
+    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
+    with pytest.raises(FileError, match=r"joint_7 to jaw, moves a gripper by its name; choose the flange: --tip hand"):
+        import_urdf(urdf(tmp_path, text))
+    assert len(import_urdf(urdf(tmp_path, text), tip="hand").section.robot.axes) == 6
+    assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
+
+
 def test_a_joint_without_end_gets_limits_and_is_named(tmp_path: Path) -> None:
     arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
     assert arm.section.robot.axes[0].limits_deg == (-360, 360)
