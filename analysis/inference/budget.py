@@ -58,7 +58,8 @@ class Measure:
     def _root(self) -> Array:
         """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
         blocks = self.linear.blocks
-        readings = np.array([len(block.one.rows) * block.count for block in blocks], dtype=float)
+        counts = [len(block.sampling.phi if block.sampling else block.one.rows) * block.count for block in blocks]
+        readings = np.array(counts, dtype=float)
         parts = []
         for block, share in zip(blocks, readings / readings.sum(), strict=True):
             factor = np.zeros(len(block.y_mm))

@@ -407,6 +407,15 @@ class ObservedRun:
         table = self.one.table
         return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
 
+    @property
+    def on_lap(self) -> Observation:
+        """The observation of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands
+        before and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self.one
+        count = len(self.sampling.phi)
+        return replace(self.one, rows=self.one.rows[:count], values=self.one.values[:count])
+
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a

@@ -297,9 +297,9 @@ def fit_run_setups(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None
 ) -> tuple[dict[str, SetUp], list[Array]]:
     """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of
-    each run."""
-    placed = fit_setups([(run.model, run.one) for run in runs], setups)
-    return placed, [residuals_of(run.model, [run.one], placed)[0] for run in runs]
+    each run, of a circle on its lap."""
+    placed = fit_setups([(run.model, run.on_lap) for run in runs], setups)
+    return placed, [residuals_of(run.model, [run.on_lap], placed)[0] for run in runs]
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,7 +131,9 @@ def left_um_of(
 
 
 def _thinned(run: ObservedRun) -> ObservedRun:
-    return replace(run, one=thinned(run.one, _ROWS)) if isinstance(run.one.table, CircleTable) else run
+    if not isinstance(run.one.table, CircleTable):
+        return run
+    return replace(run, one=thinned(run.on_lap, _ROWS), sampling=None)
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -66,7 +66,7 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
     none of them."""
     new = [run for run in runs if run.one.setup not in placed]
     every = {**placed, **(fit_run_setups(new)[0] if new else {})}
-    return [residuals_of(run.model, [run.one], every)[0] for run in runs]
+    return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
