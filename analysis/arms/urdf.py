@@ -95,8 +95,10 @@ def _ends_elsewhere(robot: Robot) -> list[str]:
 def _endless(chain: Chain) -> list[str]:
     """What to say of joints without limits."""
     names = [joint.name for joint in chain.turning if joint.type == "continuous"]
-    what = f"turn without end: {listed(names)}; limits_deg are a turn to either side, which is to be corrected"
-    return [f"joints that {what} where the controller counts otherwise"] if names else []
+    if not names:
+        return []
+    limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
+    return [f"joints turn without end: {listed(names)}; {limits}"]
 
 
 def _left_out(names: Sequence[str]) -> list[str]:

@@ -135,7 +135,7 @@ def _require_an_arm(chain: Chain, where: str) -> None:
 
 
 def _require_no_gripper(chain: Chain, where: str) -> None:
-    """The last joint of an end that nobody chose must not be one that opens a gripper, as its name says."""
+    """The last joint of an end that was not chosen must not open a gripper, by its name."""
     if not (moving := [joint for joint in chain.down if joint.moves]):
         return
     last = moving[-1]

@@ -146,11 +146,11 @@ class CalibratedArm:
         """Those of an arm of fewer axes at the place of a pose (4, 4), the least turned; of turns that are alike those
         near others."""
         starts = self._starts(near)
-        nominal, there = nearest(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
-        seeds = nominal[there][np.unique(nominal[there].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
+        nominal, solved = nearest(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
+        seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
         poses = np.repeat(pose[None], len(seeds), axis=0)
-        angles, there = reached_angles(self._model, poses, seeds)
-        kept = angles[[there[k] and self._allowed(angles[k]) for k in range(len(angles))]]
+        angles, solved = reached_angles(self._model, poses, seeds)
+        kept = angles[[solved[k] and self._allowed(angles[k]) for k in range(len(angles))]]
         turned = turned_rad(tool_poses(self._model, kept), poses[: len(kept)]).round(_UNTURNED_DIGITS)
         order = np.lexsort((np.abs(kept - near).max(axis=1), turned))
         return np.asarray(kept[order[0]]) if len(kept) else None

@@ -27,30 +27,30 @@ Poses = Callable[[Array], Array]
 """The tool (n, 4, 4) at joint angles (n, axes) rad."""
 
 
-def nearest(arm: Arm, wanted: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
-    """From angles q (n, axes) rad towards poses `wanted` (n, 4, 4): angles (n, axes) rad, and for which (n,) the tool
+def nearest(arm: Arm, targets: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
+    """From angles q (n, axes) rad towards poses `targets` (n, 4, 4): angles (n, axes) rad, and for which (n,) the tool
     is at the place, turned as nearly as the arm can.
 
     tool: where it really is, of an arm near the nominal one, whose Jacobian serves.
     """
     at, reached = q.copy(), np.zeros(len(q), dtype=bool)
-    moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(wanted).all(axis=(1, 2)))
+    moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))
     for _ in range(_STEPS):
         if not len(moving):
             break
-        error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), wanted[moving])
+        error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), targets[moving])
         step = _step(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], error)
-        there = np.linalg.norm(error[:, :3], axis=1) < REACHED_MM
+        arrived = np.linalg.norm(error[:, :3], axis=1) < REACHED_MM
         still = np.abs(step).max(axis=1) < _STILL_RAD
-        reached[moving[there & still]] = True
-        moving, step = moving[~(there & still)], step[~(there & still)]
+        reached[moving[arrived & still]] = True
+        moving, step = moving[~(arrived & still)], step[~(arrived & still)]
         at[moving, : arm.axes] += np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
     return at, reached
 
 
-def turned_rad(tool: Array, wanted: Array) -> Array:
-    """How far (n,) rad tools (n, 4, 4) are turned from what was wanted."""
-    turned: Array = np.linalg.norm(pose_error(tool, wanted)[:, 3:], axis=1)
+def turned_rad(tool: Array, targets: Array) -> Array:
+    """How far (n,) rad tools (n, 4, 4) are turned from their targets."""
+    turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
     return turned
 
 
@@ -60,6 +60,6 @@ def _step(jacobian: Array, error: Array) -> Array:
     to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
     step = np.einsum("nij,nj->ni", to_place, error[:, :3])
     free = np.eye(jacobian.shape[2]) - to_place @ J_place
-    rest = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
-    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), rest)
+    turn = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
+    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), turn)
     return np.asarray(step)
