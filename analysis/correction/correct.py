@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
-from analysis.correction.support import Support, supports
+from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
     base_u_um,
@@ -30,7 +29,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import DRIVEN_AXES, Maker
+from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
 
@@ -79,7 +78,7 @@ class Corrections:
 def correct_rig(
     rig: Rig,
     path: Path | None,
-    controller: Maker | None = None,
+    controller: MakerName | None = None,
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,

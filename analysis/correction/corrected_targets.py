@@ -19,7 +19,6 @@ from analysis.correction.pose_uncertainty import (
     pose_uncertainty,
     position_u_mm,
 )
-from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
@@ -28,6 +27,7 @@ from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
+from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of

@@ -10,8 +10,9 @@ import pyarrow.compute as pc
 
 from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
-from analysis.measures.rig_agreement import target_count
-from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns
+from analysis.measures.targets import target_count
+from analysis.traces.kind import kind_named
+from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction, TestName
 
@@ -30,7 +31,7 @@ def check_sequence(
 
     lines: the number of each row's line (n,).
     """
-    columns_of_test = LAYOUTS[test].known
+    columns_of_test = kind_named(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
         yield from _time(columns["t_s"].to_numpy(), lines)
     for name in (name for name in TIME_U if name in columns_of_test and name in columns):

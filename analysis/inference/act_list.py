@@ -24,6 +24,8 @@ LEAST_SHARE = 0.1
 """Share of the error from which every part has an act, or a reason why there is none."""
 _WORTH = 0.8
 """Share of the error up to which what a correction leaves makes it worth while. Chosen: a fifth less."""
+_REPEATS = 2
+"""Runs of each direction that show what changes with time: the second shows what the first cannot."""
 _RARE = 3.0
 """Times usual from which something of usual size is repaired where it makes much of the error: three arms of a thousand
 show as much of it without a fault."""
@@ -242,7 +244,14 @@ def _measurements(
 ) -> list[Act]:
     """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
     acts = []
-    if diagnosis.condition == "undecided":
+    slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
+    if slow:
+        labels = {label_of(named.effect) for named in slow}
+        parts = tuple(k for k, part in enumerate(diagnosis.budget) if labels & {part.name, *part.cancelled})
+        largest = max(slow, key=lambda named: named.worth_um)
+        um, effect = largest.worth_um, largest.effect
+        acts.append(Act("measure", "one_lap", parts=parts, remains_um=um, effect=effect, runs=_REPEATS))
+    elif diagnosis.condition == "undecided":
         parts = tuple(
             k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
         )
@@ -277,6 +286,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
     if measurement.why == "unexplained":
         return not any(act.kind == "load" for act in acts)
+    if measurement.why == "one_lap":
+        return not any(act.why == "fault" and act.removes_um > measurement.remains_um for act in acts)
     if measurement.why == "few_runs":
         return not any(act.kind == "load" and act.place != "used" for act in acts)
     if measurement.why == "rivals":

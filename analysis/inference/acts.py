@@ -18,24 +18,27 @@ approach targets from one side; measure what decides; mount ball, gauges or base
 convert readings that were taken in another way; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
-Doubt = Literal["usual", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"]
-"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; a
-healthy arm may show it by chance; a rival is likelier; it makes held-out runs worse; what it does is not known to half
-of itself; set-ups show different shares of it; it is one of more waves than a joint has; or the model explains the runs
-no better with it."""
+Doubt = Literal[
+    "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"
+]
+"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; it is
+slow, and one lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out
+runs worse; what it does is not known to half of itself; set-ups show different shares of it; it is one of more waves
+than a joint has; or the model explains the runs no better with it."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """What speaks against an act: another cause may be meant (`names`); the diagnosis does not stand by the effect
 (`doubt`); no run of another place judged it; the runs are too few (`runs` of each kind decide); much remains that no
 known cause explains; or the rig file declares no further test."""
 Reason = Literal[
-    "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "unexplained", "not_visible",
-    "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
+    "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
+    "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
 ]  # fmt: skip
-"""Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else
-takes away; such an error, where its correction for today is not enough; that correction; rivals are to be separated; a
-group is to be named; the runs are too few; an unknown cause; the tests do not show it; how accurate the arm is
-elsewhere is not known; joints were read too early. And why there is none: it differs from run to run; what a correction
-gains is too small; no target holds what depends on the way a joint came; it belongs to the gauges; nothing is wrong."""
+"""Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else takes away;
+such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
+be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
+accurate the arm is elsewhere is not known; joints were read too early. And why there is none: it differs from run to
+run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to the
+gauges; nothing is wrong."""
 
 
 @dataclass(frozen=True)

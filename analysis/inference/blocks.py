@@ -10,8 +10,6 @@ from typing import TypeVar
 import numpy as np
 
 from analysis.inference.noise import (
-    POSE_MM,
-    TOUCH_MM,
     CircleNoise,
     Repeated,
     ScatteredRuns,
@@ -25,8 +23,10 @@ from analysis.inference.noise import (
 )
 from analysis.inference.observation import (
     ORDER_OF,
+    ORDER_OF_TREND,
     ORDERS,
     STAMP_SCATTER,
+    TREND_ORDERS,
     Observation,
     ObservedRun,
     Sampling,
@@ -34,12 +34,12 @@ from analysis.inference.observation import (
     predicted_in_scene,
     residuals_of,
 )
-from analysis.inference.setups import moved_setup, terms_of, with_effects, without_origin
+from analysis.inference.setups import moved_setup, with_effects, without_origin
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable, TouchTable, test_of
+from analysis.traces.kind import SAME_RAD
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -71,9 +71,8 @@ bands of about one octave, so that joint motion (below order 8), gears and probe
 _SLOW = 8
 """Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
 seconds, which is longer than the correlation times of most noise."""
-_SAME_RAD = 3e-4
-"""Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
-a third of it."""
+_BORROWED = 2.0
+"""Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +141,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 def _strength_of(observation: Observation) -> str:
     """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
     ball is seated in them."""
-    return test_of(observation.table) if isinstance(observation.table, TouchTable) else observation.setup
+    return observation.setup if observation.table.kind.parts(observation.table) is None else observation.table.test
 
 
 def targets_key(run: ObservedRun) -> bytes:
@@ -174,6 +173,9 @@ def _grouped(
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    # A trend is compared only over as many laps.
+    if len({len(run.sampling.trend) for run in members if run.sampling}) > 1:
+        members = [replace(run, sampling=run.sampling and run.sampling.without_trend()) for run in members]
     # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
@@ -221,7 +223,7 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
+    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm), _trend_sd(raw, sd, noise)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]
     scatter = noise.scatter(raw.first.one.setup)
@@ -240,8 +242,8 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
-    if isinstance(table, PlaceTable) and not measured:
-        sd = np.full(len(sd), TOUCH_MM if isinstance(table, TouchTable) else POSE_MM)
+    if table.kind.of_places and not measured:
+        sd = np.full(len(sd), table.kind.assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
@@ -254,21 +256,15 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
 def _visit_numbers(observation: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
     table, keys = observation.table, _visit_keys(observation)
-    if isinstance(table, PlaceTable):
-        visit = visits(table.q[observation.rows], _SAME_RAD)
+    if table.kind.of_places:
+        visit = visits(table.q[observation.rows], SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
 def _visit_keys(observation: Observation) -> Integers:
     """Return integers (m, k) that describe where and how each reading was taken."""
-    table, rows = observation.table, observation.rows
-    if isinstance(table, RadialTable):
-        return np.stack([table.target, table.orientation], axis=1)[rows]
-    if isinstance(table, RepeatabilityTable):
-        ways = np.select([table.approach == "out", table.approach == "in"], [1, 2], 0)
-        return np.stack([table.target, ways], axis=1)[rows]
-    return np.round(table.q[rows] / _SAME_RAD).astype(np.int64)
+    return observation.table.kind.visits(observation.table)[observation.rows]
 
 
 def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
@@ -279,6 +275,31 @@ def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
     power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
     return np.concatenate([np.sqrt(power / share + step_mm**2 / 12) for share in sampling.stand_share] or [np.empty(0)])
+
+
+def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
+    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
+    mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
+    nothing is measured, this drift is part of it."""
+    sampling = raw.first.sampling
+    if sampling is None or not len(sampling.trend):
+        return np.empty(0)
+    trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
+    squares = len(sampling.trend) * sd_mm[np.flatnonzero(ORDER_OF < TREND_ORDERS)] ** 2
+    scatter = noise.scatter(raw.first.one.setup).drifting(raw.response.shape[1])
+    drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
+    if not noise.measured or runs < 2:
+        return np.asarray(np.sqrt(squares + drifting), dtype=float)
+    apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
+    expected = runs * squares + drifting  # of one run
+    channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
+    alike = channel * TREND_ORDERS + ORDER_OF_TREND
+    for number in np.unique(alike).tolist():
+        entries = np.flatnonzero(alike == number)
+        of_one, freedom = float(expected[entries].mean()), (runs - 1) * len(entries)
+        shown = (float((apart[:, entries] ** 2).sum()) + _BORROWED * of_one) / (freedom + _BORROWED)
+        squares[entries] += max(shown - of_one, 0.0) / runs
+    return np.asarray(np.sqrt(squares), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -339,7 +360,7 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
-        steps = _STEP_MM * np.eye(terms_of(self.block.one.table))
+        steps = _STEP_MM * np.eye(self.block.one.table.kind.setup_terms)
         setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM

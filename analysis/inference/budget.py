@@ -17,7 +17,6 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
@@ -66,7 +65,7 @@ class Measure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if isinstance(block.one.table, PlaceTable) else 1) / len(factor)
+                factor[:] = (3 if block.one.table.kind.of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -79,7 +78,7 @@ class Measure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not isinstance(block.one.table, PlaceTable):
+            if not block.one.table.kind.of_places:
                 precision[self.linear.terms[block.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.rig_agreement import hold_targets
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
 from analysis.model.scene import Scene
@@ -23,17 +22,9 @@ from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import (
     CircleTable,
-    Evidence,
-    PathTable,
-    PlaceTable,
-    RadialTable,
-    RepeatabilityTable,
     Table,
-    TouchTable,
-    test_of,
 )
 from rigs.effects import Effect
-from rigs.errors import FileError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -42,15 +33,12 @@ if TYPE_CHECKING:
 # Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
 
 
-NO_JOINTS = "is a path, without the joints at each place, so it shows nothing of single joints"
-
-
 @dataclass(frozen=True)
 class Observation:
     """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
     with equal names of their set-up share it."""
 
-    table: Evidence
+    table: Table
     path: Path
     rows: Integers
     values: Array
@@ -72,16 +60,10 @@ class Observation:
 def observe(model: Model, table: Table, where: str) -> Observation:
     """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
     is not a circle of the rig, or has no joint angles."""
-    if isinstance(table, PathTable):
-        raise FileError(where, NO_JOINTS, "give poses, touches or circles")
-    if isinstance(table, CircleTable):
-        rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
-        return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
-    rows = np.arange(len(table.q))
-    if isinstance(table, RadialTable | RepeatabilityTable):
-        hold_targets(table, model.rig, where)
-    values = table.xyz_mm if isinstance(table, PlaceTable) else table.g_mm[:, None]
-    return Observation(table, path_of(model, table), rows, values, test_of(table))
+    if table.kind.without_joints:
+        raise table.kind.refused(where)
+    rows = table.kind.rows_used(table, model.rig, where)
+    return Observation(table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
 
 
 def with_placement(observation: Observation, placement: str) -> Observation:
@@ -93,9 +75,10 @@ def with_placement(observation: Observation, placement: str) -> Observation:
 def by_socket(observation: Observation) -> list[Observation]:
     """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
     The place of each socket is a set-up of its own."""
-    if not isinstance(observation.table, TouchTable):
+    parts = observation.table.kind.parts(observation.table)
+    if parts is None:
         return [observation]
-    socket = observation.table.socket[observation.rows]
+    socket = parts[observation.rows]
     return [
         replace(
             observation,
@@ -122,7 +105,7 @@ def predicted(model: Model, observation: Observation, setup: SetUp) -> Array:
 def predicted_in_scene(model: Model, observation: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
     values = read(model, observation.table, observation.path, scene, setup)
-    if isinstance(observation.table, PlaceTable):
+    if observation.table.kind.of_places:
         values = values[:, [3, 7, 11]]
     return values[observation.rows]
 
@@ -192,7 +175,7 @@ reversal of a joint."""
 
 def smooth_path(observation: Observation) -> Observation:
     """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
-    if not isinstance(observation.table, CircleTable):
+    if not observation.table.kind.swept:
         return observation
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
     laps = observation.samples
@@ -244,6 +227,12 @@ _MOST_APART = GRID // 16
 of a program begin within a row."""
 _LEAST_STAND = 3
 """Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+TREND_ORDERS = 4
+"""Orders of the trend from lap to lap: a ball, a gauge and an arm that grows move readings in orders 0 and 1, and an
+eccentric ball adds the next. Chosen: twice as many."""
+ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
+"""The order of each entry of a trend, in the order of `ORDER_OF`."""
+_OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
 
 
 @dataclass(frozen=True)
@@ -253,8 +242,9 @@ class Sampling:
     For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
     weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
     rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
-    `bridged` are the first and the last (which may be negative, or of the next turn) of the grid angles where the laps
-    begin, whose values follow from those beside them.
+    `trend` (L,) has the weights of the laps whose sum is what changes with time from lap to lap, with the noise of one
+    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next
+    turn) of the grid angles where the laps begin, whose values follow from those beside them.
     """
 
     before: Integers
@@ -263,6 +253,7 @@ class Sampling:
     phi: Array
     stands: tuple[Integers, ...]
     stand_share: Array
+    trend: Array
     bridged: tuple[int, int] | None = None
 
     def gridded(self, values: Array) -> Array:
@@ -273,9 +264,18 @@ class Sampling:
     @cached_property
     def _interpolation(self) -> csr_array:
         """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        return self._matrix(np.full(len(self.share), 1 / len(self.share)))
+
+    @cached_property
+    def _trend(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their trend at the grid."""
+        return self._matrix(self.trend)
+
+    def _matrix(self, laps: Array) -> csr_array:
+        """Return the matrix (GRID, n) from values at the rows to their sum over the laps, with weights (L,)."""
         from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
 
-        weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
+        weight = np.concatenate([((1 - self.share) * laps[:, None]).ravel(), (self.share * laps[:, None]).ravel()])
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
         matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
@@ -290,11 +290,14 @@ class Sampling:
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
-        the means over periods of standing."""
+        the means over periods of standing, then the slow orders of the trend from lap to lap."""
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             mean = values[rows].mean(axis=0, keepdims=True)
             parts += [_sum(mean), _difference(mean)]
+        if len(self.trend):
+            laps: Array = self._trend @ values[: len(self.phi)].reshape(len(self.phi), -1)
+            parts.append(by_orders(laps.reshape(GRID, *values.shape[1:]))[_OF_TREND])
         return np.concatenate(parts)
 
     @property
@@ -324,6 +327,10 @@ class Sampling:
     def without_stands(self) -> Sampling:
         """Return the sampling of the lap alone, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
+
+    def without_trend(self) -> Sampling:
+        """Return the sampling of the mean lap without the trend (0,) from lap to lap."""
+        return replace(self, trend=np.empty(0))
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
@@ -404,8 +411,8 @@ class ObservedRun:
     @property
     def name(self) -> str:
         """The name that repeated runs share: `yaw cw`, `radial`."""
-        table = self.one.table
-        return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
+        direction = self.one.table.kind.direction(self.one.table)
+        return f"{self.one.setup} {direction}" if direction else self.one.setup
 
     @property
     def on_lap(self) -> Observation:
@@ -486,7 +493,17 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
     number = _number(phi, laps)
     sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
     before, after, share = (np.array(side) for side in zip(*sides, strict=True))
-    return Sampling(before, after, share, phi, stands, stand_share)
+    return Sampling(before, after, share, phi, stands, stand_share, _trend_of(laps))
+
+
+def _trend_of(laps: int) -> Array:
+    """Return the weights of laps (L,) whose sum grows with what each lap adds to the one before, of length one; an
+    empty array for a single lap."""
+    if laps < 2:
+        return np.empty(0)
+    weights = np.arange(laps) - (laps - 1) / 2
+    trend: Array = weights / np.linalg.norm(weights)
+    return trend
 
 
 def _number(phi: Array, laps: int) -> Array:

@@ -40,7 +40,6 @@ from analysis.inference.state import (
     starting_effects,
 )
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import PoseTable
 from rigs.effects import Effect, healthy_size
 from rigs.schema.effect import is_wave, name_of, size_of
 
@@ -117,7 +116,7 @@ class Selection:
 
     @cached_property
     def _backgrounds(self) -> Backgrounds:
-        return Backgrounds(self.columns)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @cached_property
     def _free(self) -> tuple[FreeForm, ...]:
@@ -149,7 +148,7 @@ class Selection:
     @property
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
-        return all(isinstance(block.one.table, PoseTable) for block in self.linear.blocks)
+        return all(block.one.table.kind.of_tracker for block in self.linear.blocks)
 
     def _with_curves(self, state: SelectionState) -> SelectionState:
         """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in

@@ -20,6 +20,7 @@ from analysis.inference.responses import Linearisation
 from analysis.kinematics.arm import Array, Mask
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
+from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The state of a selection: the fitted effects, and the noise and healthy level of everything else.
@@ -126,10 +127,12 @@ _GRAMS = 4
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """The backgrounds of states about some columns. States that differ only in the fitted sizes and shapes of the same
-    names share one; those that differ only in names and level share the weighted products of the columns."""
+    """The backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
+    and shapes of the same names share one; those that differ only in names and level share the weighted products of the
+    columns."""
 
     columns: Columns
+    build: Build
     _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
     _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
     _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
@@ -138,6 +141,8 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
+        if any(effect.part == "gravity" and effect.STAGE == "tool" for effect in state.refined.effects):
+            variance, mean = self._usual_load**2 * variance, self._usual_load * mean
         for effect in state.refined.effects:
             share = self._shares_beside(effect)
             variance, mean = share * variance, share * mean
@@ -146,6 +151,20 @@ class Backgrounds:
         gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
         return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
+
+    @cached_property
+    def _usual_load(self) -> Array:
+        """How many times a healthy one each column (p,) of joints that yield under load is in an arm of the build; 1 of
+        all others.
+
+        What the arm stands on yields to the moment to which its joints yield. Beside it any joint may be as soft as is
+        usual: with joints as stiff as a machine's, a base took on the softness of axis 2, three times its own size.
+        """
+        usual = np.ones(len(self.columns.healthy))
+        for form in self.columns.forms:
+            if form.effects[0].part == "gravity" and form.effects[0].STAGE == "joint":
+                usual[list(form.columns)] = form.effects[0].usual_times(self.build)
+        return usual
 
     def _shares_beside(self, effect: Effect) -> Array:
         """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""

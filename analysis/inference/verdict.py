@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.inference.acts import Doubt, JudgedOn
 from analysis.inference.background import best_free_form, free_forms_of
+from analysis.inference.blocks import Block
 from analysis.inference.budget import EffectChange, sizes_by_setup
 from analysis.inference.candidates import order_of
 from analysis.inference.link_swing import FoundVibration
@@ -38,7 +39,6 @@ from analysis.measures.pose import SAME_RAD, groups
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable
 from rigs.calibration import Judged
 from rigs.effects import Effect
 from rigs.errors import RigError
@@ -242,12 +242,19 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
     effect = state.refined.effects[k]
     reasons: tuple[tuple[bool, Doubt], ...] = (
         (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
+        (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
+
+
+def shows_time(blocks: Sequence[Block]) -> bool:
+    """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
+    laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
+    return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
 def _is_shown(result: SearchResult, effect: Effect) -> bool:
@@ -386,7 +393,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
     if _readings_apart(result) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
         return False
-    poses_alone = all(isinstance(block.one.table, PlaceTable) for block in result.linear.blocks)
+    poses_alone = all(block.one.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
@@ -397,13 +404,13 @@ def _readings_apart(result: SearchResult) -> int:
     readings = 0
     for block in result.linear.blocks:
         table = block.one.table
-        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if isinstance(table, PlaceTable) else len(block.y_mm)
+        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if table.kind.of_places else len(block.y_mm)
     return readings
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: one of its size is not certain yet."""
-    return any(name.doubt in ("healthy_shows_it", "rival", "unsure") for name in named)
+    return any(name.doubt in ("one_lap", "healthy_shows_it", "rival", "unsure") for name in named)
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:

@@ -20,6 +20,7 @@ from analysis.measures.circularity import evaluate as evaluate_distance
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, nodes_of, reduced
+from analysis.measures.result_curves import CircleCurve
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
 from analysis.traces.laps import Laps
 from rigs.errors import FileError
@@ -104,6 +105,18 @@ class CircleResult:
     distance: Circularity
     u_lag_s: float
     u_scale: float
+
+    @property
+    def as_curve(self) -> CircleCurve:
+        """Angle, error and deviation over the circle angle."""
+        error, _ = error_of(self.curve.errors)
+        return CircleCurve(
+            phi_deg=np.degrees(PHI),
+            angle_deg=np.degrees(self.angle),
+            error_deg=np.degrees(self.residual),
+            error_u_deg=np.degrees(error.std(axis=0)),
+            deviation_mm=self.distance.deviation_mm,
+        )
 
     @property
     def without_rows(self) -> CircleResult:

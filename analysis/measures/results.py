@@ -17,7 +17,7 @@ from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
-from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
+from analysis.measures.result_curves import JointReversal, ResultCurve, reversals_of_rig
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
@@ -35,7 +35,7 @@ class Result(Tabular):
     @cached_property
     def curve(self) -> ResultCurve:
         """The curve or the points behind the figures, in degrees and mm."""
-        return curve_of_result(self.found)
+        return self.found.as_curve
 
     @cached_property
     def reversals(self) -> tuple[JointReversal, ...]:

@@ -52,6 +52,8 @@ class ActWords:
                 keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
         axis = getattr(act.effect, "axis", None)
         size = size_field(act.effect)
         return texts(
@@ -96,8 +98,9 @@ class ActWords:
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test
-        if act.why == "few_runs":
-            return texts("next_repeat", count=act.runs)
+        if act.why in ("few_runs", "one_lap"):
+            cause = self.noun(act.effect) if act.effect else ""
+            return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
         if act.why == "not_visible":
             return texts(self._of_places("next_plan"))
         if act.why == "elsewhere":

@@ -17,15 +17,14 @@ from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
-from analysis.traces.dwells import radial_table, repeatability_table
+from analysis.traces.kind import kind_named
 from analysis.traces.single_stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
+from analysis.traces.tables import Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""
@@ -74,7 +73,7 @@ def load_measured(path: Path) -> Measured:
 
 def _hold_rail(rig: Rig, table: Table, where: str) -> None:
     """Raise FileError where one of rig file and table knows of a rail and the other does not."""
-    if not isinstance(table, PlaceTable) or table.rail == (rig.robot.rail is not None):
+    if RAIL not in table.kind.layout(rail=True).known or table.rail == (rig.robot.rail is not None):
         return
     if table.rail:
         raise FileError(where, f"has {RAIL}, and the arm of the rig file stands on no rail", "add robot.rail to it")
@@ -104,7 +103,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     path = run.path
     _is_in_step(run)
     rig = rig or rig_of(run)
-    if run.manifest.test not in WITHOUT_GAUGES and not rig.gauges.recorded:
+    if kind_named(run.manifest.test).gauges and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
         raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
     doubts = [*_doubts(run), *_certificates(run, rig)]
@@ -137,25 +136,8 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
     names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
     g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
     data = replace(data, g_mm=g_mm)
-    doubts = [*data.doubts, *beyond]
-    match test:
-        case "yaw" | "roll":
-            if direction is None:
-                raise FileError(
-                    str(path),
-                    "lacks a direction, which a circle needs",
-                    "give it one: rig relabel RUN --direction acw or cw",
-                )
-            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
-            return circle, data.u_lag_s, doubts
-        case "radial":
-            table, more = radial_table(data, rig, str(path))
-            table = replace(table, g_mm=table.g_mm + link_excess_mm(rig))
-            return table, data.u_lag_s, doubts + more
-        case "repeatability":
-            visits, more = repeatability_table(data, rig, str(path))
-            return visits, data.u_lag_s, doubts + more
-    raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+    table, more = kind_named(test).recorded(data, rig, direction, str(path))
+    return table, data.u_lag_s, [*data.doubts, *beyond, *more]
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
@@ -163,16 +145,16 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
     Simulated readings are what they mean, and need no correction.
     """
-    test, table = run.manifest.test, run.manifest.table
-    if test in WITHOUT_GAUGES or table is None or table.file.startswith(SIMULATED):
+    kind, table = kind_named(run.manifest.test), run.manifest.table
+    names = kind.gauges
+    if not names or table is None or table.file.startswith(SIMULATED):
         return []
-    names = ("g1", "g2") if test in CIRCLES else ("g1",)
     known = [
         f"the correction of {name} by certificate {gauge.certificate.number}"
         for name, gauge in rig.gauges
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
-    if test == "radial" and link_excess_mm(rig):
+    if "link" in kind.certified and link_excess_mm(rig):
         known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
     turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
@@ -184,17 +166,14 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
-    if isinstance(table, PlaceTable | PathTable):
-        return NO_CERTIFICATE
-    return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
+    return systematic(rig, table.kind.readings(table)) if table.kind.gauges else NO_CERTIFICATE
 
 
 def _certificates(run: Run, rig: Rig) -> list[str]:
     """Doubts about the certificates of what the test measures with."""
-    test = run.manifest.test
-    if test in WITHOUT_GAUGES:
+    parts = kind_named(run.manifest.test).certified
+    if not parts:
         return []
-    parts = ["g1", "g2", "ball"] if test in CIRCLES else ["g1", "ball", *["link"] * (test == "radial")]
     try:
         return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
     except ValueError:

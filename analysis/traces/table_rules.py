@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
-from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
+from analysis.kinematics.arm import Array, Mask
+from analysis.traces.tables import Table
 from rigs.errors import FileError
 
 LARGEST = 1e12
@@ -19,59 +19,29 @@ _REMEDY = "restore the run from a copy, or correct its table and import it again
 
 def hold_table(table: Table, where: str) -> None:
     """Raises FileError for the first row that no import lets through; `where` names the table."""
-    for name, values in _numbers(table).items():
+    columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
+    for field, values in columns.items():
+        name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
         rows = values.reshape(len(values), -1)
-        good = (np.abs(rows) <= LARGEST).all(axis=1)  # nan is no number at all
-        if not good.all():
-            row = int(np.argmin(good))
-            what = f"row {row + 1} has {name} = {_listed(rows[row])}, which is no measured value"
+        if values.dtype.kind == "f":
+            _hold_rows(np.abs(rows) <= LARGEST, name, rows, "which is no measured value", where)
+            if name.startswith("u_"):
+                _hold_rows(rows >= 0, name, rows, "below zero", where)
+        elif values.dtype.kind == "i":
+            _hold_rows(rows >= 1, name, rows, "and it counts from 1", where)
+    if table.kind.in_order_of_time:
+        t_s = columns["t_s"]
+        back = np.flatnonzero(np.diff(t_s) <= 0)
+        if len(back):
+            row = int(back[0]) + 1
+            what = f"row {row + 1}: time does not increase, {t_s[row]:g} after {t_s[row - 1]:g} s"
             raise FileError(where, what, _REMEDY)
-    if isinstance(table, CircleTable | PathTable):
-        _hold_times(table, where)
-    if isinstance(table, RadialTable | RepeatabilityTable):
-        for name, count in _counts(table).items():
-            if (count < 1).any():
-                row = int(np.argmax(count < 1))
-                raise FileError(where, f"row {row + 1} has {name} = {count[row]}; it counts from 1", _REMEDY)
 
 
-def _hold_times(table: CircleTable | PathTable, where: str) -> None:
-    back = np.flatnonzero(np.diff(table.t_s) <= 0)
-    if len(back):
-        row = int(back[0]) + 1
-        what = f"row {row + 1}: time does not increase, {table.t_s[row]:g} after {table.t_s[row - 1]:g} s"
-        raise FileError(where, what, _REMEDY)
-    if isinstance(table, CircleTable) and table.u_t_s is not None and (table.u_t_s < 0).any():
-        row = int(np.argmax(table.u_t_s < 0))
-        raise FileError(where, f"row {row + 1} has u_t_s = {table.u_t_s[row]:g}, below zero", _REMEDY)
-
-
-def _numbers(table: Table) -> dict[str, Array]:
-    """Columns of numbers (n,) or (n, k) by name."""
-    match table:
-        case CircleTable():
-            u = {} if table.u_t_s is None else {"u_t_s": table.u_t_s}
-            return {"t_s": table.t_s, "q": table.q, "g_mm": table.g_mm, **u}
-        case PoseTable():
-            turns = {} if table.rpy is None else {"rpy": table.rpy}
-            return {"q": table.q, "xyz_mm": table.xyz_mm, **turns}
-        case PathTable():
-            return {"t_s": table.t_s, "xyz_mm": table.xyz_mm}
-        case TouchTable():
-            came = {} if table.came_from is None else {"came_from": table.came_from}
-            return {"q": table.q, **came}
-        case RadialTable():
-            angles = {"polar": table.polar, "azimuth": table.azimuth}
-            return {**angles, "t_s": table.t_s, "q": table.q, "g1_mm": table.g_mm}
-        case RepeatabilityTable():
-            return {"t_s": table.t_s, "q": table.q, "g1_mm": table.g_mm}
-
-
-def _counts(table: RadialTable | RepeatabilityTable) -> dict[str, Integers]:
-    """Columns of counts (n,) by name."""
-    second = {"orientation": table.orientation} if isinstance(table, RadialTable) else {"round": table.round}
-    return {"target": table.target, **second}
-
-
-def _listed(values: Array) -> str:
-    return ", ".join(f"{value:g}" for value in values)
+def _hold_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
+    """Raises FileError for the first row (n, k) with a value that is not good (n, k), as nan never is."""
+    good = is_good.all(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        values = ", ".join(f"{value:g}" for value in rows[row])
+        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY)

@@ -181,6 +181,9 @@ class Effect(Part, ABC):
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Healthy sizes up to which twice the size does twice as much. 0: never, as in a play."""
+    NEEDS_REPEATS: ClassVar[bool] = False
+    """Whether it shows only in what changes from lap to lap or from run to run: a single lap each way has slow noise
+    that looks like it."""
     PART: ClassVar[PartKind | None] = None
     """The part of an arm's error that it belongs to, where its stage does not say that."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()

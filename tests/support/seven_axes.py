@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +136,17 @@ class Truth:
         return np.asarray(posed.p + np.einsum("nij,j->ni", posed.R, ball_mm))
 
 
+class Seen(Protocol):
+    """What is measured of an arm: where balls on its tool really are, and how far readings scatter."""
+
+    @property
+    def scatter_mm(self) -> float:
+        """Of one coordinate."""
+
+    def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
+        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+
+
 def constants_of(robot: Robot) -> Constants:
     """The constants of a rig file's robot without base and tool."""
     column = {key: np.array([getattr(axis, key) for axis in robot.axes], dtype=float) for key in _KEYS}
@@ -230,7 +242,7 @@ def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Ar
     raise ValueError(f"the arm does not reach {socket_mm}")
 
 
-def corrected(robot: Robot, truth: Truth, q: Array, came_from: Array, socket_mm: Array, ball_mm: Array) -> Array:
+def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: Array, ball_mm: Array) -> Array:
     """The angles (n, axes) rad that the controller reports where the ball really is in the socket: a person guides the
     arm until the magnet seats it."""
     nominal, q = arm_from(constants_of(robot)), q.copy()
@@ -250,7 +262,7 @@ def came_from(table: PoseTable | TouchTable) -> Array:
     return np.vstack([table.q[:1], table.q[:-1]])
 
 
-def pose_table(robot: Robot, truth: Truth, rng: np.random.Generator, ball_mm: Array, poses: int) -> PoseTable:
+def pose_table(robot: Robot, truth: Seen, rng: np.random.Generator, ball_mm: Array, poses: int) -> PoseTable:
     """Places of a ball as a tracker saw them, one posture after the other, in a frame of its own."""
     q = draw_postures(robot, rng, poses)
     seen = truth.places(q, np.vstack([q[:1], q[:-1]]), ball_mm) + rng.normal(0, truth.scatter_mm, (poses, 3))
@@ -271,7 +283,7 @@ def somewhere(rng: np.random.Generator, reach: float = np.inf) -> Array:
 
 def touch_table(
     robot: Robot,
-    truth: Truth,
+    truth: Seen,
     rng: np.random.Generator,
     ball_mm: Array,
     sockets: int | Array,

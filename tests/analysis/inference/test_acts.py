@@ -12,39 +12,13 @@ from analysis.inference.result import Diagnosis, Named, is_sure
 from analysis.inference.verdict import Gaps, condition_of
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
-from analysis.simulation.simulate import simulate
-from analysis.traces.loading import Measured
 from rigs.calibration import Judged, ground_of, verdict_of
-from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkGeometry, TransmissionError
+from rigs.effects import Backlash, Compliance, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
-from tests.support.diagnosis_cells import LIMITS, RIG, WAYS, circles, found_in, measured
+from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, there
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.made_once import made_once
-
-ZERO = JointOffset(axis=3, offset_deg=0.05)
-GEAR = TransmissionError(axis=4, order=8, amplitude_deg=0.03, phase_deg=40)
-PLAY = Backlash(axis=5, width_deg=0.03)
-DEMO = (PLAY, GEAR, ZERO)
-"""What the demo hides."""
-assert RIG.tests.circle
-_X, _Y, _Z = RIG.tests.circle.centre_mm
-_CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (_X + 60, _Y, _Z - 60)})
-ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": _CIRCLE})})
-
-
-def there(effects: tuple[Effect, ...]) -> list[Measured]:
-    """A lap each way at another place."""
-    return [
-        measured(simulate(ELSEWHERE, "yaw", way, 77 + k, effects), "yaw", f"else-{way}", ELSEWHERE)
-        for k, way in enumerate(WAYS)
-    ]
-
-
-@made_once
-def demo() -> Diagnosis:
-    """Two laps each way of the demo's cell, judged at another place."""
-    return found_in(circles(DEMO), unseen=there(DEMO))
 
 
 @made_once
