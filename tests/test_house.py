@@ -14,7 +14,7 @@ MOST = {
     # 7000 lines more than in November: 2400 of the machine on which a program is followed (decision 0032), 1950 of acts
     # and how a report says them (0035), 540 of a session that acts, 430 of clock and cell without waiting, 360 of
     # conventions; 900 of the calibrated arm for others, versions of calibrations, and entry points; 300 of names that
-    # say what they hold; 950 of kinds of tests and makers that own themselves; 350 of arms of other numbers of axes, 480
+    # say what they hold; 950 of kinds of tests and makers that own themselves; 350 of arms of any number of axes, 480
     # of printed parts.
     "product lines": 96_700,
     "product files": 614,  # 6 of kinds and makers; the inverse of few axes, and six of printed parts
