@@ -80,6 +80,7 @@ def _acts_of(
         return (Act("measure", "not_visible", command=("plan", _model(diagnosis))),)
     repairs, following = _repairs(diagnosis, judged)
     acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
+    acts = _one_after_the_other(acts, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
@@ -99,6 +100,19 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
         behind = [repair for repair in late if {*repair.parts} <= served]
         ordered += [replace(repair, why="not_enough") for repair in behind]
         late = [repair for repair in late if repair not in behind]
+    return ordered
+
+
+def _one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
+    """Return acts, those of hands with what is left once those before them are done as well."""
+    done: list[Effect] = []
+    ordered = []
+    for act in acts:
+        by_hand = act.effect is not None and act.kind != "approach"
+        if by_hand and act.effect is not None:
+            done.append(act.effect)
+        is_later = by_hand and len(done) > 1
+        ordered.append(replace(act, with_before_um=judged.removed(done).remains_um) if is_later else act)
     return ordered
 
 

@@ -238,8 +238,8 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
     shape = (-1, count, NODES)
-    before, between, beyond = (values.reshape(count, NODES) for values in (before, between, beyond))
-    return HatSums(before, between, beyond, pull_left.reshape(shape), pull_right.reshape(shape))
+    own, shared, other = (sums.reshape(count, NODES) for sums in (before, between, beyond))
+    return HatSums(own, shared, other, pull_left.reshape(shape), pull_right.reshape(shape))
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:

@@ -55,11 +55,12 @@ class ActWords:
         if act.kind == "mount" and act.effect.part == "gravity":
             key = "act_mount_base"
         axis = getattr(act.effect, "axis", None)
-        size = size_field(act.effect)
+        field = size_field(act.effect)
+        size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
         return texts(
             key,
             cause=self.noun(act.effect),
-            size=with_uncertainty(act.effect, size, {size: act.u} if act.u is not None else {}),
+            size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )
 
@@ -69,10 +70,13 @@ class ActWords:
             return ""
         before = act.removes_um + act.remains_um
         key = "act_changes" if act.removes else "act_hardly"
-        return self.texts(
+        alone = self.texts(
             key, before=micrometres(before), after=within(act.remains_um, act.remains_u_um),
             place=self.texts(f"place_{act.place}"),
         )  # fmt: skip
+        if act.with_before_um is None:
+            return alone
+        return f"{alone} {self.texts('act_with_before', after=micrometres(act.with_before_um))}"
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
