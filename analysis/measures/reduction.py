@@ -68,15 +68,15 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """How many rows (L, NODES) these are."""
+        """The number (L, NODES) of these rows."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
-        """The same sums without the rows behind some nodes (L, NODES)."""
+        """The same sums without the rows behind the nodes that a mask (L, NODES) selects."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
     def lines(self, rounds: int = 2 * NODES) -> Array:
-        """The closed broken lines (L, NODES, k) through NODES that fit the readings best, lap by lap, as smooth
+        """The closed broken lines (L, NODES, k) mm through NODES that fit the readings best, lap by lap, as smooth
         curves; some thirty rounds find them where every node has rows."""
         pull = self.near + np.roll(self.far, 1, axis=2)
         lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
@@ -117,14 +117,14 @@ def reduced(laps: Laps) -> Reduced:
 
 
 def base_of(laps: Laps) -> Array:
-    """Level and the first two orders (5, k) of the readings, which the broken lines need not follow."""
+    """Level and the first two orders (5, k) mm of the readings, which the broken lines need not follow."""
     some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
     return np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
 
 
 def slopes_of(base: Array) -> list[Array]:
-    """The Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by the share of the
-    way to the next."""
+    """The Taylor coefficients (NODES, k) mm, up to the third order, of waves (5, k) behind each node, by the share of
+    the way to the next."""
     step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
     derived = np.zeros((5, 5))
     derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2
@@ -238,8 +238,8 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
     shape = (-1, count, NODES)
-    before, between, beyond = (values.reshape(count, NODES) for values in (before, between, beyond))
-    return HatSums(before, between, beyond, pull_left.reshape(shape), pull_right.reshape(shape))
+    products = [values.reshape(count, NODES) for values in (before, between, beyond)]
+    return HatSums(products[0], products[1], products[2], pull_left.reshape(shape), pull_right.reshape(shape))
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:

@@ -189,8 +189,8 @@ class Kind(ABC, Generic[T]):
     # How a fit observes an arm by it.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the numbers (m,) of the rows whose readings are explained. Raises FileError for a table that is not one
-        of the rig."""
+        """Return the numbers (m,) of the rows whose readings are explained. Raises FileError for a table that is not
+        one of the rig."""
         return np.arange(len(table.q))
 
     def direction(self, table: T) -> Direction | None:
