@@ -46,7 +46,7 @@ _STRETCHES, _SHORTEST = 100_000, 64
 _BLOCK = 1 << 13
 """Rows at a time, so that what is computed of them stays in the processor's cache."""
 _ROUNDS = 60
-"""Of finding the line by which readings of a part are wild: twice as many as where every node has rows."""
+"""Rounds that find the line from which readings of a part are far off: twice those where every node has rows."""
 _NEAR = 8
 """Rows of the shown table within which a lap begins and ends."""
 _SAMPLE = 20_000
@@ -281,9 +281,9 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
-    """The lap (m,), from 0, in which a stretch of rows lies; -1 for those before, between and after the laps.
+    """The number (m,) of the lap in which a stretch of rows lies, or -1 before, between and after the laps.
 
-    The times of laps are known to a few rows of the shown table: there the circle angle tells on which side it is."""
+    The times of laps are known to a few rows of the shown table: there the circle angle shows on which side it is."""
     (of_start,), (behind,) = place_of(np.array([start]))
     middle = cell % NODES + 0.5
     middle[cell == of_start] = of_start + behind / 2

@@ -273,8 +273,8 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
-    """Row before, axis and size, rad, of each step between two rows that no joint can run; axis by axis, since a run
-    may be long."""
+    """Row before, axis and size, rad, of each step between two rows of q (n, 6) rad at t_s (n,) s that no joint can
+    run; axis by axis, since a run may be long."""
     found = []
     for axis, joint in enumerate(q.T):
         step = np.abs(np.diff(joint))

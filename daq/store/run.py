@@ -111,7 +111,8 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
 
 def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
-    """The rows of a stream chunk by chunk, in the memory of one, without `sequence`.
+    """Return the columns (n,) of a stream, each in the unit of its name, chunk by chunk in the memory of one, without
+    `sequence`.
 
     Raises FileError as `read_stream` does, for what was read until then.
     """

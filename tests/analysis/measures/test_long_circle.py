@@ -28,6 +28,7 @@ TROUBLES = {
 
 @pytest.fixture(autouse=True)
 def _short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    # private _ROWS, _MARGIN_NS, _SHOWN: parts of a run that a test can afford
     monkeypatch.setattr(run_parts, "_ROWS", 3000)
     monkeypatch.setattr(run_parts, "_MARGIN_NS", 1e9)
     monkeypatch.setattr(long_circle, "_SHOWN", 15_000)
