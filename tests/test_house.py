@@ -15,14 +15,17 @@ MOST = {
     # and how a report says them (0035), 540 of a session that acts, 430 of clock and cell without waiting, 360 of
     # conventions; 900 of the calibrated arm for others, versions of calibrations, and entry points; 300 of names that
     # say what they hold.
-    "product lines": 94_800,
-    "product files": 600,
-    "private functions used once, per mille": 251,  # readers of statements of five dialects, one for each kind
-    "isinstance of a table": 167,  # conventions and placements judge poses in another way than touches
-    "names that say nothing": 520,
+    # 480 more: every question that is asked of a test kind, written out with its usual answer (analysis/traces/kind.py),
+    # and the imports of seven kinds that answer for themselves instead of 145 questions which kind a table is of.
+    "product lines": 95_750,
+    "product files": 604,
+    "private functions used once, per mille": 240,  # readers of statements of five dialects, one for each kind
+    "isinstance of a table": 22,  # circles for the most part: laps, plays and the paper's tests are of circles alone
+    "files that name one test kind": 30,  # pose, which maps of foreign tables are about; touch 13, path 14
+    "names that say nothing": 510,
     "circles of modules": 0,
     "files that name one maker": 6,  # outside its own; 18 before a maker owned itself
-    "suppressions": 257,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
+    "suppressions": 252,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

@@ -2,7 +2,16 @@
 
 from typing import Literal
 
-TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
+TestName = Literal[
+    "yaw",
+    "roll",
+    "radial",
+    "repeatability",
+    "pose",
+    "touch",
+    "path",
+]
+"""The kinds of test: each is the module of its name in `analysis.measures`."""
 Direction = Literal["cw", "acw"]
 
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
