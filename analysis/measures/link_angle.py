@@ -28,7 +28,7 @@ from analysis.measures.circularity import evaluate as evaluate_distance
 from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
-from analysis.measures.reduction import PHI, nodes_of, reduced
+from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.measures.result_curves import CircleCurve
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, gauged
@@ -164,14 +164,15 @@ class AngleTest:
         u_lag_s: float,
         where: str = "the run",
         like: tuple[LapNoise, LapNoise] | None = None,
+        run: Reduced | None = None,
     ) -> CircleResult:
         """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
 
-        like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError
-        for readings that no ball link gives.
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap; run: the readings
+        of the laps, where these have but some of the rows. Raises FileError for readings that no ball link gives.
         """
         _hold(laps, baseline_mm, where)
-        run = reduced(laps)
+        run = run or reduced(laps)
 
         curve = curve_of(
             run, partial(angle_of_gauges, baseline_mm=baseline_mm), np.sqrt(2) / abs(baseline_mm), 0, like and like[0]
@@ -185,12 +186,12 @@ class AngleTest:
             return [curve.drawn(curves[0], turned, scale)]
 
         ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
-        count = len(laps.phi)
+        count = run.samples
         result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
@@ -351,9 +352,8 @@ class CircleKind(Kind[CircleTable]):
         if gauges.g2 is None:
             raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
         laps = laps_of(table, rig, where)
-        return self._angle.evaluate(
-            laps, gauges.baseline_mm, gauges.baseline_u_mm, instruments.u_lag_s, where, instruments.like
-        )
+        lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
+        return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
 
     def hold_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
         """It has laps."""

@@ -61,7 +61,7 @@ from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
-from rigs.schema.vocabulary import FEWEST_AXES, Direction
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -426,7 +426,7 @@ class Pose(PlaceKind[PoseTable]):
 
     def evaluate(self, table: PoseTable, rig: Rig, where: str, instruments: Instruments) -> PoseResult:
         iso = rig.tests.iso9283
-        cube = cube_of(rig) if iso and len(rig.robot.axes) == FEWEST_AXES else None
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == DRIVEN_AXES else None
         return evaluate(
             table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
         )

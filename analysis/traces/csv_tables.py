@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +17,7 @@ from analysis.traces.table_layout import RAIL, joint_columns
 from analysis.traces.tables import Table
 from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Direction, TestName
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,10 @@ class Rows:
 
     @cached_property
     def axes(self) -> int:
-        """How many joints the table has: a seventh column that is none of the arm's is kept as text."""
-        return 7 if self._is_measured(joint_columns(7)[-1]) else 6
+        """How many joints the table has: of columns that are none of the arm's, as of a gripper, the cells are kept as
+        text. Fewer than any arm has are those of six, some of which are missing."""
+        joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
+        return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 
     @cached_property
     def rail(self) -> bool:
