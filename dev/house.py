@@ -29,6 +29,8 @@ MAKERS = {
 }
 """How each maker is named. The name of a rig, paper-fanuc, is none; nor is that of an arm, as ur10e."""
 
+TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
+
 
 @cache
 def sources() -> dict[str, ast.Module]:
@@ -48,6 +50,7 @@ def counts() -> dict[str, int]:
         "isinstance of a table": sum(len(re.findall(r"isinstance\([^)]*Table", text)) for text in texts),
         "names that say nothing": sum(name in EMPTY for name in _bindings()),
         "circles of modules": len(circles()),
+        "files that name one test kind": max(len(files_that_name_kind(test)) for test in TESTS),
         "files that name one maker": max(len(files_that_name(maker)) for maker in MAKERS),
         "suppressions": sum(text.count("# noqa") + text.count("# type: ignore") for text in texts),
         "lines of the longest file": max(text.count("\n") for text in texts),
@@ -124,6 +127,13 @@ def files_that_name(maker: str) -> list[str]:
         if f"/{maker}/" not in file and not Path(file).name.startswith(f"{maker}_")
     }
     return [file for file, tree in others.items() if any(name.search(word) for word in _words(tree))]
+
+
+def files_that_name_kind(test: str) -> list[str]:
+    """Return the files outside a test kind's own that name it, as a word or by its table."""
+    name = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table")
+    others = (file for file in sources() if file != f"analysis/measures/{test}.py")
+    return [file for file in others if name.search((ROOT / file).read_text(encoding="utf-8"))]
 
 
 def _words(tree: ast.Module) -> Iterator[str]:

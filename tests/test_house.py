@@ -18,12 +18,13 @@ MOST = {
     # 950 of kinds of tests and makers that own themselves; 350 of arms of any number of axes, 480 of printed parts.
     "product lines": 97_600,
     "product files": 620,  # 6 of kinds and makers; the inverse of few axes, and six of printed parts
-    "private functions used once, per mille": 251,  # readers of statements of five dialects, one for each kind
-    "isinstance of a table": 167,  # conventions and placements judge poses in another way than touches
-    "names that say nothing": 520,
+    "private functions used once, per mille": 241,  # readers of statements of five dialects, one for each kind
+    "isinstance of a table": 22,  # circles for the most part: laps, plays and the paper's tests are of circles alone
+    "files that name one test kind": 30,  # pose, which maps of foreign tables are about; touch 13, path 14
+    "names that say nothing": 514,
     "circles of modules": 0,
     "files that name one maker": 6,  # outside its own; 18 before a maker owned itself
-    "suppressions": 257,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
+    "suppressions": 254,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

@@ -13,6 +13,7 @@ from tests.support.how_to import checked, commands, followed, output
 
 pytestmark = pytest.mark.cpu_limit(300)  # commands and checks of a whole tree, in processes of their own
 EFFECT, MEASUREMENT, MAKER = "add-an-effect.md", "add-a-measurement.md", "add-a-maker.md"
+TEST_KIND = "add-a-test-kind.md"
 PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 
 
@@ -98,3 +99,11 @@ def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: 
     output(tmp_path, "lint-imports", "--no-cache", "--contract", "makers")
     said = output(tmp_path, "bash", "-ec", commands(MAKER, "rig correct"))
     assert "zero of axis 3" in said and "56 targets corrected, 0 places left" in said
+
+
+def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path: Path) -> None:
+    files = followed(TEST_KIND, tmp_path)
+    checked(tmp_path, files)
+    assert "3 passed" in output(tmp_path, *PYTEST, "tests/analysis/measures/test_height.py")
+    said = output(tmp_path, "bash", "-ec", commands(TEST_KIND, "rig import"))
+    assert "height_rms_mm" in said and '"height_band_mm": {' in said

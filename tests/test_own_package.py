@@ -18,8 +18,11 @@ PAGES = {
     "cell_arm": "add-a-robot-interface.md",
     "cell_bow": "add-an-effect.md",
     "cell_acme": "add-a-maker.md",
+    "cell_height": "add-a-test-kind.md",
 }
-EXAMPLES = {"cell_dial": "gauge", "cell_arm": "robot", "cell_bow": "effect", "cell_acme": "maker"}
+EXAMPLES = {
+    "cell_dial": "gauge", "cell_arm": "robot", "cell_bow": "effect", "cell_acme": "maker", "cell_height": "test_kind"
+}  # fmt: skip
 
 
 def installed(site: Path, package: str) -> None:
@@ -89,6 +92,18 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
     assert robot == "Streamed"
     assert effect == "cell_bow.effect True"
     assert tesa == "rigs.schema.gauges", "a name of rig's own is not taken over"
+
+
+def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) -> None:
+    table = HOW_TO / "examples" / "test_kind" / "heights.csv"
+    rig = (sys.executable, "-c", "from analysis.cli import main; main()")
+    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "height", "-o", "heights/monday")
+    assert done.returncode == 0, done.stderr
+    done = run(site, *rig, "analyse", "heights/monday", "--json")
+    assert '"height_band_mm": {' in done.stdout, done.stdout + done.stderr
+    offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere.at_all:KIND", "touch": "cell_height.kind:KIND"}})
+    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
+    assert done.returncode and "cannot be used: No module named 'nowhere'" in " ".join(done.stderr.split())
 
 
 OF_A_MAKER = """

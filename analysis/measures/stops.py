@@ -109,7 +109,7 @@ def target_count(hemisphere: Hemisphere) -> int:
 
 
 def another_visit(table: RadialTable | RepeatabilityTable, labels: Array) -> Mask:
-    """Whether rows (n - 1,) have other labels (n, k) than the row before, or another reading."""
+    """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
     differs: Mask = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
     return differs
 

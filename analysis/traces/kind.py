@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, cast, get_args
 import numpy as np
 
 from rigs.errors import FileError
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import OFFERED_TESTS, TestName
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -229,8 +229,20 @@ class Kind(ABC, Generic[T]):
 
 @cache
 def kind_named(test: TestName) -> Kind[Table]:
-    """Return the kind of a test: what the module of its name in `analysis.measures` offers as KIND."""
-    return cast("Kind[Table]", import_module(f"analysis.measures.{test}").KIND)
+    """Return the kind of a test: what the module of its name in `analysis.measures` has as KIND, or what a package
+    offers as `rig.tests` under that name. Raises FileError for an offer that is none."""
+    offer = OFFERED_TESTS.get(test)
+    if offer is None:
+        return cast("Kind[Table]", import_module(f"analysis.measures.{test}").KIND)
+    why = f"it is no {Kind.__name__}"
+    try:
+        kind = offer.load()
+        if isinstance(kind, Kind):
+            return kind
+    except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
+        why = str(reason)
+    remedy = "install another version of that package, or uninstall it"
+    raise FileError(f"test {test}", f"{offer.value}, which a package offers, cannot be used: {why}", remedy)
 
 
 def kinds() -> Iterator[Kind[Table]]:

@@ -1,8 +1,22 @@
-"""Names that rig files, runs, commands and reports share; free of imports, so that a command line starts fast."""
+"""Names that rig files, runs, commands and reports share; free of slow imports, so that a command line starts fast."""
 
-from typing import Literal
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Literal, get_args
 
-TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
+TestName = Literal[
+    "yaw",
+    "roll",
+    "radial",
+    "repeatability",
+    "pose",
+    "touch",
+    "path",
+]
+"""The kinds of test: each is the module of its name in `analysis.measures`, or a package offers it as `rig.tests`."""
+OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
+"""Kinds of test of other packages by name, none of which takes a name of rig's own."""
+if not TYPE_CHECKING and OFFERED_TESTS:
+    TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
 Direction = Literal["cw", "acw"]
 
 CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
