@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 
 from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
-from analysis.measures.targets import target_count
+from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named
 from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
 from rigs.rig import Rig

@@ -37,6 +37,7 @@ from analysis.inference.state import (
     is_twice,
     series_among,
     settled,
+    stands_softly,
     starting_effects,
 )
 from analysis.kinematics.arm import Array
@@ -432,6 +433,8 @@ class Selection:
         """Return the log evidence of a state, up to a constant."""
         evidence = self.background(state).evidence(state.refined.known)
         prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
+        if stands_softly(state.refined.effects):
+            prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:

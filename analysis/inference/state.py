@@ -115,6 +115,16 @@ def series_among(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
+SHOULDER_YIELDS = "compliance 2"
+"""The joint that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+
+
+def stands_softly(effects: Sequence[Effect]) -> bool:
+    """Return whether effects have a base that yields, and no softness of the shoulder beside it."""
+    names = [name_of(effect) for effect in effects]
+    return any(name.startswith("base_") for name in names) and SHOULDER_YIELDS not in names
+
+
 # ----------------------------------------------------------------------------------------------------------------------
 # The backgrounds of selection states, of which the most recent are kept.
 
@@ -141,7 +151,7 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
-        if any(effect.part == "gravity" and effect.STAGE == "tool" for effect in state.refined.effects):
+        if stands_softly(state.refined.effects):
             variance, mean = self._usual_load**2 * variance, self._usual_load * mean
         for effect in state.refined.effects:
             share = self._shares_beside(effect)
@@ -154,15 +164,15 @@ class Backgrounds:
 
     @cached_property
     def _usual_load(self) -> Array:
-        """How many times a healthy one each column (p,) of joints that yield under load is in an arm of the build; 1 of
-        all others.
+        """How many times a healthy one each column (p,) of the shoulder's softness is in an arm of the build; 1 of all
+        others.
 
-        What the arm stands on yields to the moment to which its joints yield. Beside it any joint may be as soft as is
-        usual: with joints as stiff as a machine's, a base took on the softness of axis 2, three times its own size.
+        What the arm stands on turns it as a soft axis 2 does, about a point that lies lower. Beside it that axis may be
+        as soft as is usual: as stiff as a machine's, it left its softness to the base, three times what that had.
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
-            if form.effects[0].part == "gravity" and form.effects[0].STAGE == "joint":
+            if form.name == SHOULDER_YIELDS:
                 usual[list(form.columns)] = form.effects[0].usual_times(self.build)
         return usual
 
