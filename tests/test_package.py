@@ -39,6 +39,14 @@ def test_the_version_stands_in_one_place() -> None:
     assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == ["pyproject.toml"]
 
 
+def test_the_extra_of_all_holds_every_other_but_that_of_developers() -> None:
+    extras = dict(PROJECT["optional-dependencies"])
+    (whole,) = extras.pop("all")
+    name, _, held = whole.rstrip("]").partition("[")
+    assert name == PROJECT["name"]
+    assert set(held.split(",")) == set(extras) - {"dev"}
+
+
 def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
     """Runs, models and tables of a trial, other people's measurements among them, were once nearly kept."""
     tracked = _run("git", "ls-files", "-z").stdout.rstrip("\0").split("\0")

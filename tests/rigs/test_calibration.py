@@ -136,7 +136,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
         lambda data: _changed(data, parameters=[{"term": 0, "field": "found"}, *data["parameters"][1:]]),
         "a parameter is found of backlash, which has no such number",
     ),
-    "five joints": (lambda data: _changed(data, joints_deg=[[-1, 1]] * 5), "joints_deg: "),
+    "three joints": (lambda data: _changed(data, joints_deg=[[-1, 1]] * 3), "joints_deg: "),
     "no format": (lambda data: _changed(data, format="one"), "format: "),
     "too many terms": (lambda data: _changed(data, terms=[data["terms"][0]] * 20_001), "terms: "),
     "a list": (lambda data: [data], "the file: "),  # type: ignore[dict-item,return-value]
