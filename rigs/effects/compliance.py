@@ -16,7 +16,7 @@ _HANGS_KG = 5.0
 _HEAVY_KG = 15.0
 """… and the other end of what is tried."""
 _STATED_SHARE, _LEAST_KG = 0.03, 0.1
-"""How far a stated payload may be off. Chosen: a tool is weighed to a few percent, and cables and a ball weigh 0.1 kg."""
+"""How far a stated payload may be off. Chosen: a tool is weighed to a few percent; cables and a ball weigh 0.1 kg."""
 
 _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "industrial": (5e-5, 3e-4),
