@@ -58,7 +58,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in PAGES:
         installed(tree, package)
     offers(tree, "half-done", {"rig.gauges": {"half_done": "nowhere.at_all:Gauge", "tesa_tt": "cell_dial.schema:X"}})
-    offers(tree, "half-made", {"rig.makers": {"half_made": "nowhere.at_all", "kuka": "cell_acme"}})
+    offers(tree, "half-made", {"rig.makers": {"half_made": "nowhere.at_all", "kuka": "cell_acme", "bare": "cell_bow"}})
     return tree
 
 
@@ -99,10 +99,11 @@ from rigs.errors import UseError
 from rigs.schema.vocabulary import maker_named, makers
 print(makers()[5:], maker_named("ACME 6"), maker_named("Half Made"))
 print(maker_by("kuka").package, maker_of_file("a.ACM").name)
-try:
-    maker_by("half_made").writer
-except UseError as error:
-    print(error)
+for name in "half_made", "bare":
+    try:
+        maker_by(name).writer
+    except UseError as error:
+        print(error)
 sys.argv[1:] = "program", "ur10e", "--for", "Acme", "--test", "yaw", "-o", sys.argv[1]
 main()
 """
@@ -111,9 +112,12 @@ main()
 def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: Path) -> None:
     done = run(site, sys.executable, "-c", OF_A_MAKER, str(tmp_path / "made"))
     assert done.returncode == 0, done.stderr
-    names, places, broken, *_ = done.stdout.splitlines()
-    assert names == "('acme', 'half_made') acme half_made" and places == "analysis.makers.kuka acme"
+    names, places, broken, bare, *_ = done.stdout.splitlines()
+    assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.makers.kuka acme"
     assert broken.startswith("half_made: nowhere.at_all.writer cannot be used: No module named 'nowhere'; ")
+    assert bare == (
+        "bare: no programs are written for it; give another maker, or add cell_bow.writer.WRITER to its package"
+    )
     assert (tmp_path / "made" / "yaw_acw_ur10e.acm").read_bytes().count(b"\r\nARC ") == 15
 
 

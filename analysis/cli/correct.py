@@ -13,7 +13,7 @@ from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
 from analysis.makers import suffixes_in_words
-from rigs.schema.vocabulary import FEWEST_AXES, DrivenTest, MakerName, maker_of
+from rigs.schema.vocabulary import DRIVEN_AXES, DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def correct(
 def _say_next(rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, corrected: Path | None) -> None:
     """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
-    programmed, file = axes == FEWEST_AXES and not rail, as_argument(rig_file)
+    programmed, file = axes == DRIVEN_AXES and not rail, as_argument(rig_file)
     if maker is None and programmed:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))

@@ -134,7 +134,7 @@ def _joints_hidden(runs: Runs) -> str:
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
     """Why runs show nothing where none is of a kind that can break a convention."""
-    return lambda runs: "" if any(convention in run.table.kind.finders for run in runs) else why
+    return lambda runs: "" if any(convention in dict(run.table.kind.finders) for run in runs) else why
 
 
 def _no_pair(runs: Runs) -> str:

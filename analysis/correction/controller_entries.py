@@ -327,26 +327,34 @@ def _coupled_axes(rig: Rig) -> set[int]:
 
 
 def _entry(
-    rig: Rig, controller: Controller, scale: Sequence[float] | None, one: Constant, value: float, u: float, worth: float
+    rig: Rig,
+    controller: Controller,
+    scale: Sequence[float] | None,
+    constant: Constant,
+    value: float,
+    u: float,
+    worth_um: float,
 ) -> Entry:
     """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
     reading_deg, now = 0.0, None
-    if one.key != "q_deg":
-        parameter = next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
-        name, unit, per_unit = parameter.of(one.axis), parameter.unit, parameter.per_unit
+    if constant.key != "q_deg":
+        parameter = next(
+            each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
+        )
+        name, unit, per_unit = parameter.of(constant.axis), parameter.unit, parameter.per_unit
         if parameter.by_size:
-            nominal = float(getattr(rig.robot.axes[one.axis - 1], one.key))
+            nominal = float(getattr(rig.robot.axes[constant.axis - 1], constant.key))
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
-        name, unit, per_unit = controller.zero.format(axis=one.axis), controller.unit, controller.per_deg
-        if controller.scale and scale and one.axis not in _coupled_axes(rig):
-            per_unit *= scale[one.axis - 1]
+        name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
+        if controller.scale and scale and constant.axis not in _coupled_axes(rig):
+            per_unit *= scale[constant.axis - 1]
         elif controller.scale:
-            name, unit, per_unit = f"reading of axis {one.axis}", "deg", 1.0
+            name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0
         # A robot whose model is changed, and not its zero, reads what it read before.
         reading_deg = value if controller.changes_reading else 0.0
-    leaves_um = worth * u / abs(value) if worth > 1e3 * _NO_MOVE_MM else 0.0
-    return Entry(one.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth, leaves_um)
+    leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
+    return Entry(constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
@@ -358,6 +366,6 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
         scale = tuple(float(part) for part in text.split(","))
     except ValueError:
         scale = ()
-    if len(scale) != 6 or not all(math.isfinite(one) and one for one in scale):
+    if len(scale) != 6 or not all(math.isfinite(number) and number for number in scale):
         raise UseError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
     return scale

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
@@ -35,23 +34,6 @@ _SHORTEST = 8
 """A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
 
 
-@dataclass(frozen=True)
-class LoadedProgram:
-    """A program: the file with its motion, the controller's maker, and the texts of its files by name."""
-
-    path: Path
-    maker: MakerName
-    texts: Mapping[str, str]
-
-
-def find_program(directory: Path, name: str) -> LoadedProgram:
-    """Return a program by the name of its file, with or without suffix, by the name that `rig program` prints, or by a
-    path. Raises FileError where there is none, several, or one that cannot be read."""
-    path = _path_of(directory, name.strip())
-    maker, texts = program_texts(path)
-    return LoadedProgram(path, maker.name, texts)
-
-
 def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
     """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
     refused."""
@@ -65,6 +47,8 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
+    """Return the file of a program by its name, with or without suffix, by the name that `rig program` prints, or by a
+    path. Raises FileError where there is none, or several."""
     named = Path(name)
     if named.parent != Path() and maker_of_file(named):
         return named
@@ -114,13 +98,13 @@ class Pendant:
     def trace(self, name: str) -> Trace:
         """Return what the robot does in a program, by the name of its file or of the program, and what its gauges read.
         Raises FileError for a program that is not there, cannot be read or cannot be driven."""
-        files = find_program(self._programs, name)
-        controller = self._of(files.maker, str(files.path))
-        test = _test_of(files.path)
+        path = _path_of(self._programs, name.strip())
+        maker, texts = program_texts(path)
+        controller, test = self._of(maker.name, str(path)), _test_of(path)
         try:
-            driven = self._driven(files, controller, test)
+            driven = self._driven(path, texts, controller, test)
         except ProgramError as error:
-            raise FileError(str(files.path), f"the controller refuses it: {error}", "correct the program") from None
+            raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
         g_mm, shown = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more), self._signals(driven)
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=shown, holds_s=driven.holds_s)
 
@@ -149,14 +133,14 @@ class Pendant:
             raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
-    def _driven(self, files: LoadedProgram, controller: Controller, test: DrivenTest) -> Driven:
+    def _driven(self, path: Path, texts: Mapping[str, str], controller: Controller, test: DrivenTest) -> Driven:
         T = arm_of(self._rig.robot).T_flange_tool
-        tool = Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if maker_by(files.maker).driver.tool_entered else None
-        machine = Machine(controller.flange, tool)
-        interpret(files.maker, files.texts, machine)
+        entered = maker_by(controller.maker).driver.tool_entered
+        machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
+        interpret(controller.maker, texts, machine)
         place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
         near = np.radians(place.posture_deg) if place else np.zeros(6)
-        return drive(controller, machine.events, near, str(files.path))
+        return drive(controller, machine.events, near, str(path))
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as

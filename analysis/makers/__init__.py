@@ -124,12 +124,13 @@ class _Answer(Generic[T]):
 
     def __get__(self, maker: Maker, owner: type[Maker]) -> T:
         """Return the value. Raises UseError where the package has none, or one that cannot be used."""
-        module, _, name = f"{maker.package}.{self.place}".rpartition(".")
+        place = f"{maker.package}.{self.place}"
+        module, _, name = place.rpartition(".")
         try:
             answer: T = getattr(import_module(module), name)
         except Exception as error:
             if isinstance(error, AttributeError | ModuleNotFoundError) and error.name in (module, name):
-                raise UseError(maker.name, self.lacking, f"{maker.package}.{self.place} would say it") from None
+                raise UseError(maker.name, self.lacking, f"give another maker, or add {place} to its package") from None
             if maker.name in MAKERS:
                 raise
             raise UseError(maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}") from error

@@ -153,7 +153,7 @@ class _Ways:
     poses: Array
     branches: dict[int, Array | Reason]
     q: Array
-    known: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
+    arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
 
     def stands(self, k: int) -> bool:
         return bool(np.isfinite(self.q[k]).all())
@@ -162,11 +162,11 @@ class _Ways:
         """Return the joint angles (6,) rad with which the arm arrives at target k from the target `source`, or why
         they are not known."""
         key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
-        if key not in self.known:
+        if key not in self.arrivals:
             solutions = self.branches[k]
             assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
-            self.known[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, linear=way == "line")
-        return self.known[key]
+            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, linear=way == "line")
+        return self.arrivals[key]
 
 
 def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:

@@ -42,10 +42,11 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[
     be one program, and for an output that the controller does not have."""
     files: dict[str, str] = {}
     writer = maker_by(maker).writer
+    outputs = writer.outputs
     for plan, demand in plans:
-        if unknown := [number for number in plan.signal_place.outputs if number not in writer.outputs]:
-            what = f"a controller of {maker} has no digital output {unknown[0]}"
-            raise FileError(plan.name, what, f"give --outputs from {writer.outputs.start} to {writer.outputs.stop - 1}")
+        if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
+            problem = f"a controller of {maker} has no digital output {unknown[0]}"
+            raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 raise FileError(name, "would hold two programs", "give the rig file a shorter name")

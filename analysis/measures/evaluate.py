@@ -12,6 +12,7 @@ from rigs.rig import Rig
 
 if TYPE_CHECKING:
     from analysis.measures.quantity import Quantity
+    from analysis.measures.reduction import Reduced
     from analysis.measures.result_curves import ResultCurve
 
 
@@ -32,11 +33,13 @@ class Evaluated(Protocol):
 class Instruments:
     """What is known of the instruments beside a table. u_lag_s: standard uncertainty of the gauges' time against the
     joints'; u_gauge_mm: of one reading, the rig file's where None; like: noise of the angle and of the distance in
-    another run, for a circle of a single lap."""
+    another run, for a circle of a single lap; reduced: the readings of a circle, where its table has but some of its
+    rows."""
 
     u_lag_s: float = 0.0
     u_gauge_mm: float | None = None
     like: tuple[LapNoise, LapNoise] | None = None
+    reduced: Reduced | None = None
 
     def u_mm(self, rig: Rig) -> float:
         """The standard uncertainty of one reading of a gauge."""
@@ -50,9 +53,10 @@ def evaluate(
     where: str,
     u_gauge_mm: float | None = None,
     like: tuple[LapNoise, LapNoise] | None = None,
+    reduced: Reduced | None = None,
 ) -> Evaluated:
     """The figures of a table, with what is known of its instruments (`Instruments`).
 
     Raises FileError where it is not a valid measurement of its test.
     """
-    return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like))
+    return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))

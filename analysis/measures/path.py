@@ -16,12 +16,11 @@ expectation. The instrument's own errors are not in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.conventions.finding import Finding
 from analysis.conventions.lost_poses import DUPLICATES, WILDNESS, repeated_places, wild_places
 from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube_of, iso9283_of
 from analysis.kinematics.arm import Array, transform
@@ -231,9 +230,7 @@ class Paths(Kind[PathTable]):
 
     in_order_of_time = True
     without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
-    finders: Mapping[str, Callable[[PathTable, Rig], Iterable[Finding]]] = {
-        WILDNESS: wild_places, DUPLICATES: repeated_places
-    }  # fmt: skip
+    finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         return Layout(("t_s", *PLACE))

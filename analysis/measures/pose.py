@@ -16,7 +16,7 @@ noise here: the standards' figures are what their formulas give.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -47,10 +47,10 @@ from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
-from analysis.measures.places import PlaceKind
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
 from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.stops import PlaceKind
 from analysis.noise.cell import TARGET_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
@@ -61,7 +61,7 @@ from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
-from rigs.schema.vocabulary import FEWEST_AXES, Direction
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -377,9 +377,7 @@ def _hold(table: PoseTable, where: str) -> None:
 class Pose(PlaceKind[PoseTable]):
     """The pose test."""
 
-    finders: Mapping[str, Callable[[PoseTable, Rig], Iterable[Finding]]] = {
-        SOURCE: source_findings, WILDNESS: wild_findings, DUPLICATES: duplicate_findings
-    }  # fmt: skip
+    finders = ((SOURCE, source_findings), (WILDNESS, wild_findings), (DUPLICATES, duplicate_findings))
     of_tracker = True
     setup_terms, frame_terms = 9, 6
     setup_words = "the places of the instrument and of its target on the tool"
@@ -428,7 +426,7 @@ class Pose(PlaceKind[PoseTable]):
 
     def evaluate(self, table: PoseTable, rig: Rig, where: str, instruments: Instruments) -> PoseResult:
         iso = rig.tests.iso9283
-        cube = cube_of(rig) if iso and len(rig.robot.axes) == FEWEST_AXES else None
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == DRIVEN_AXES else None
         return evaluate(
             table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
         )

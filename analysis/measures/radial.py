@@ -31,7 +31,7 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RadialCurve
 from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
 from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
-from analysis.measures.targets import TargetKind, another_visit, hold_targets, target_count, timed
+from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm
 from analysis.noise.resolution import step_of_stops
 from analysis.noise.sphere_level import SphereLevel

@@ -23,7 +23,7 @@ from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RepeatabilityCurve
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
-from analysis.measures.targets import TargetKind, another_visit, hold_targets, timed
+from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.resolution import step_of_stops

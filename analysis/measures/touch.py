@@ -11,14 +11,13 @@ that what is left of the touches counts as noise for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.conventions.finding import Finding
 from analysis.conventions.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
 from analysis.conventions.off_path import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
@@ -27,9 +26,9 @@ from analysis.kinematics.limits import impossible_rad
 from analysis.measures.checks import hold_numbers
 from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED
-from analysis.measures.places import PlaceKind
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
+from analysis.measures.stops import PlaceKind
 from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.spectrum import DRAWS
@@ -183,7 +182,7 @@ def _alone(names: Sequence[str], socket: Integers) -> tuple[str, ...]:
 class Touch(PlaceKind[TouchTable]):
     """The touch test."""
 
-    finders: Mapping[str, Callable[[TouchTable, Rig], Iterable[Finding]]] = {WILDNESS: wild_touches}
+    finders = ((WILDNESS, wild_touches),)
     constants_apart = True
     setup_terms, frame_terms = 6, 3
     setup_words = "the places of the sockets and of the ball on the tool"

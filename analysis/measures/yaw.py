@@ -11,17 +11,11 @@ the base-ball from the circle's centre along u and v = n × u, eccentricity_mm i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-
 import numpy as np
 
-from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, order_findings
 from analysis.kinematics.arm import Array
-from analysis.measures.circle import CircleKind
-from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
-from analysis.traces.tables import CircleTable
-from rigs.rig import Rig
+from analysis.measures.link_angle import SINE, AngleTest, CircleKind, CircleResult, Measure, eccentricities, sine_of
 
 _APART_MM = 0.2
 _APART = 0.5
@@ -58,12 +52,4 @@ _TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
 
 
-class Yaw(CircleKind):
-    """The yaw test, whose sine shows where gauges were exchanged."""
-
-    finders: Mapping[str, Callable[[CircleTable, Rig], Iterable[Finding]]] = {
-        ORDER: order_findings, **CircleKind.finders
-    }  # fmt: skip
-
-
-KIND = Yaw("yaw", _TEST)
+KIND = CircleKind("yaw", _TEST, (ORDER, order_findings))

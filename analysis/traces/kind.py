@@ -2,7 +2,7 @@
 
 Code that has a table asks `table.kind`, and never which kind it is: a kind is the module of `analysis.measures` with
 the test's name, and nothing else names it. It answers from the columns of a file to the part of a set-up that is
-fitted; what several tests have in common, `places`, `targets` and `circle` beside it answer.
+fitted; what several tests have in common, `stops` and `link_angle` beside it answer.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ class Kind(ABC, Generic[T]):
     """Standard deviation of a coordinate where no place was visited twice."""
     never_twice = ""
     """What to say where no reading was repeated; empty where it is said with all tests."""
-    finders: Mapping[str, Callable[[T, Rig], Iterable[Finding]]] = {}
-    """What looks for findings about a convention that few tests can break, by its name."""
+    finders: tuple[tuple[str, Callable[[T, Rig], Iterable[Finding]]], ...] = ()
+    """Conventions that few tests can break, each with what looks for findings about it."""
     joints_fit = "rows lie on the path of the test"
     rows_called = "targets"
     away_from = ""
@@ -144,7 +144,7 @@ class Kind(ABC, Generic[T]):
 
     def findings(self, convention: str, table: T, rig: Rig) -> Iterable[Finding]:
         """Return what speaks against a convention in a table, of those that `finders` look at."""
-        find = self.finders.get(convention)
+        find = dict(self.finders).get(convention)
         return find(table, rig) if find else ()
 
     def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
@@ -189,8 +189,8 @@ class Kind(ABC, Generic[T]):
     # How a fit observes an arm by it.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the numbers (m,) of the rows whose readings are explained. Raises FileError for a table that is not one
-        of the rig."""
+        """Return the numbers (m,) of the rows whose readings are explained. Raises FileError for a table of
+        another rig."""
         return np.arange(len(table.q))
 
     def direction(self, table: T) -> Direction | None:

@@ -12,7 +12,14 @@ import pyarrow as pa
 
 from analysis.batch.fetched import fetched
 from analysis.frames import Tabular
-from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
+from analysis.noise.certificate import (
+    NO_CERTIFICATE,
+    Systematic,
+    beyond_certificates,
+    corrected_gauges,
+    link_excess_mm,
+    systematic,
+)
 from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
@@ -66,9 +73,13 @@ class Measured(Tabular):
 def load_measured(path: Path) -> Measured:
     """Read a run, recorded or imported, wherever it lies. Raises FileError."""
     with fetched(path) as directory:
-        run = read_run(directory)
-        rig = calibrated_beside(rig_of(run), directory)
-    return measured_of(replace(run, path=path), rig)
+        return measured_in(directory, path)
+
+
+def measured_in(directory: Path, path: Path) -> Measured:
+    """Read a run whose files are in a directory; path: where they came from. Raises FileError."""
+    run = read_run(directory)
+    return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
 def _hold_rail(rig: Rig, table: Table, where: str) -> None:
@@ -101,23 +112,35 @@ def rig_of(run: Run) -> Rig:
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     """A run that has been read, with the rig of its manifest, or this one, and its table. Raises FileError."""
     path = run.path
-    _is_in_step(run)
     rig = rig or rig_of(run)
+    if run.table is None:
+        doubts = known_doubts(run, rig)
+        table, u_lag_s, more = _recorded(path, run, rig)
+        condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
+        return measured_as(run, rig, table, u_lag_s, [*doubts, *more], condition)
+    doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
+    table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+    _hold_rail(rig, table, str(path))
+    table = one_row_a_stand(table)
+    return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
+
+
+def known_doubts(run: Run, rig: Rig) -> list[str]:
+    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run."""
+    _is_in_step(run)
     if kind_named(run.manifest.test).gauges and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
-        raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
-    doubts = [*_doubts(run), *_certificates(run, rig)]
-    if run.table is not None:
-        doubts += _taken_as_corrected(run, rig)
-        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-        _hold_rail(rig, table, str(path))
-        table = one_row_a_stand(table)
-        return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
-    table, u_lag_s, more = _recorded(path, run, rig)
-    condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-    doubts += [*more, *condition.doubts]
+        raise FileError(str(run.path), what, "add gauges and feedback to the rig file, and import it again")
+    return [*_doubts(run), *_certificates(run, rig)]
+
+
+def measured_as(
+    run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
+) -> Measured:
+    """A recorded run with the table that was made of its streams, and what the robot showed beside it."""
     bare = replace(run, streams={})
-    return Measured(path, bare, rig, table, u_lag_s, tuple(doubts), _systematic(rig, table), condition)
+    doubts = (*doubts, *condition.doubts)
+    return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
 
 
 def _is_in_step(run: Run) -> None:
@@ -135,9 +158,10 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
     test, direction = run.manifest.test, run.manifest.direction
     names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
     g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
+    doubts = [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
     data = replace(data, g_mm=g_mm)
     table, more = kind_named(test).recorded(data, rig, direction, str(path))
-    return table, data.u_lag_s, [*data.doubts, *beyond, *more]
+    return table, data.u_lag_s, [*doubts, *more]
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:

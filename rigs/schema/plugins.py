@@ -53,7 +53,7 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
 
 def packages_of_makers() -> dict[str, str]:
     """Return the packages that others offer for makers, by the maker's name."""
-    return {offer.name: offer.value for offer in _offers() if offer.group == MAKERS}
+    return {offer.name: offer.value for offer in sorted(_offers()) if offer.group == MAKERS}
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:

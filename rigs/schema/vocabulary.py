@@ -15,8 +15,9 @@ FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
-FEWEST_AXES, MOST_AXES = 6, 7
-"""The numbers of axes that an arm may have."""
+FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
+"""The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
+pose with six, so that circles, their programs and entries of controllers are of so many."""
 
 
 def direction_of(word: str) -> Direction | None:
@@ -74,6 +75,6 @@ def maker_of(interface: str) -> MakerName | None:
     return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
-Build = Literal["industrial", "light", "torque_sensing"]
+Build = Literal["industrial", "light", "torque_sensing", "servo"]
 """How an arm is built, by which it is judged what is usual: with the reducers of large machines, with strain-wave gears
-as light arms and cobots, or with sensors of torque in its joints."""
+as light arms and cobots, with sensors of torque in its joints, or of hobby servos and brackets that carry them."""

@@ -15,8 +15,6 @@ from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
-    Comment,
-    Dwell,
     Hold,
     JointMove,
     Line,
@@ -27,10 +25,11 @@ from analysis.robot_programs.plan import (
     Turn,
     start_of,
 )
-from analysis.robot_programs.text import fixed, heading, identifier, listed, wrapped
+from analysis.robot_programs.text import Words, fixed, heading, identifier, listed
 from rigs.schema.feedback import URRTDE
 
-_WIDTH = 100
+_WORDS = Words("sleep({})", 3, "", "", "# {}", 100, "")
+"""Outputs and a pause need more than a word."""
 _NAME_LENGTH = 60
 _DECIMALS = 10
 """Metres and radians have so many decimals: 1e-7 mm."""
@@ -43,7 +42,7 @@ _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """One script: a function, and the call of it."""
     name = identifier(plan.name, _NAME_LENGTH)
-    comments = [f"# {line}" for text in heading(plan, demand, _shown(plan)) for line in wrapped(text, _WIDTH)]
+    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
     body = [f"  {line}" for step in plan.steps for line in _lines(plan, step)]
     tool = f"  set_tcp({_pose(plan.arm.T_flange_tool)})"
     return {f"{name}.script": "\n".join([*comments, f"def {name}():", tool, *body, "end", f"{name}()", ""])}
@@ -58,41 +57,34 @@ def _shown(plan: Plan) -> str:
 
 def _lines(plan: Plan, step: Step) -> list[str]:
     match step:
-        case JointMove() | Line() | Turn() | Arc():
-            return [_move(step)]
-        case Dwell(seconds):
-            return [f"sleep({fixed(seconds, 3)})"]
+        case Signal(value) if plan.signal_place.int_register is not None:
+            return [f"write_output_integer_register({plan.signal_place.int_register}, {value})"]
         case Signal(value):
-            return _signal(plan, value)
+            return [_output(number, on) for number, on in plan.signal_place.bits(value)]
         case Hold(request):
             return [f'popup("{request}", title="rig", blocking=True)']
-        case Comment(text):
-            return [f"# {line}" for line in wrapped(text, _WIDTH)]
+    return _WORDS.lines(plan, step, _move)
 
 
-def _move(step: Move) -> str:
+def _move(step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             joints = listed(target.q, _DECIMALS)
-            return f"movej([{joints}], a={fixed(_JOINT_ACCELERATION, 3)}, v={fixed(speed_rad_s, 6)})"
+            return [f"movej([{joints}], a={fixed(_JOINT_ACCELERATION, 3)}, v={fixed(speed_rad_s, 6)})"]
         case Line(target, speed_mm_s, stops):
             blend = "" if stops else f", r={fixed(ZONE_MM / 1e3, 5)}"
-            return f"movel({_pose(target.T)}, {_speed(speed_mm_s)}{blend})"
+            return [f"movel({_pose(target.T)}, {_speed(speed_mm_s)}{blend})"]
         case Turn(target, angle, speed_rad_s):
-            return f"movel({_pose(target.T)}, t={fixed(angle / speed_rad_s, 3)})"
+            return [f"movel({_pose(target.T)}, t={fixed(angle / speed_rad_s, 3)})"]
         case Arc(via, end, speed_mm_s, stops):
             blend = fixed(0.0 if stops else ZONE_MM / 1e3, 5)
-            return f"movec({_pose(via.T)}, {_pose(end.T)}, {_speed(speed_mm_s)}, r={blend}, mode={int(step.with_path)})"
+            return [
+                f"movec({_pose(via.T)}, {_pose(end.T)}, {_speed(speed_mm_s)}, r={blend}, mode={int(step.with_path)})"
+            ]
 
 
 def _speed(speed_mm_s: float) -> str:
     return f"a={fixed(ACCELERATION_MM_S2 / 1e3, 4)}, v={fixed(speed_mm_s / 1e3, 6)}"
-
-
-def _signal(plan: Plan, value: int) -> list[str]:
-    if plan.signal_place.int_register is not None:
-        return [f"write_output_integer_register({plan.signal_place.int_register}, {value})"]
-    return [_output(number, on) for number, on in plan.signal_place.bits(value)]
 
 
 def _output(number: int, on: bool) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import re
 
-from analysis.makers.reading import ProgramReader, Remark
 from analysis.makers.machine import OFF, Blocks, Forget, Move, Program, Ref, Set, Unknown, Value
 from analysis.makers.numbers import Decimals, frame_of
 from analysis.makers.points import Points, as_value
+from analysis.makers.reading import ProgramReader, Remark
 from analysis.makers.target import Form, Parsed, Target, Texts, blanked, lines_of, numbers_in, with_newlines
 
 _REMARK = re.compile(r";[^\n]*")

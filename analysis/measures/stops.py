@@ -1,9 +1,9 @@
-"""Tests with one gauge at the targets of a hemisphere: what radial and repeatability runs have in common."""
+"""What several tests at stops have in common: one gauge at the targets of a hemisphere, or places of postures."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -21,11 +21,10 @@ from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.kind import Kind
 from analysis.traces.single_stands import STANDS_MM
-from analysis.traces.tables import RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
-from rigs.schema.effect import Gauge
 
 H = TypeVar("H", RadialTable, RepeatabilityTable)
 
@@ -33,8 +32,8 @@ H = TypeVar("H", RadialTable, RepeatabilityTable)
 class TargetKind(Kind[H]):
     """A test at targets."""
 
-    gauges: tuple[Gauge, ...] = ("g1",)
-    finders: Mapping[str, Callable[[H, Rig], Iterable[Finding]]] = {PLACE: place_findings}
+    gauges = ("g1",)
+    finders = ((PLACE, place_findings),)
 
     @abstractmethod
     def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
@@ -110,7 +109,7 @@ def target_count(hemisphere: Hemisphere) -> int:
 
 
 def another_visit(table: RadialTable | RepeatabilityTable, labels: Array) -> Mask:
-    """Whether rows (n - 1,) have other labels (n, k) than the row before, or another reading than of one stand."""
+    """Whether rows (n - 1,) have other labels (n, k) than the row before, or another reading."""
     differs: Mask = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
     return differs
 
@@ -118,3 +117,26 @@ def another_visit(table: RadialTable | RepeatabilityTable, labels: Array) -> Mas
 def timed(t_s: Array) -> dict[str, Array]:
     """The column of times t_s (n,) s, which is left out where it is zero throughout."""
     return {"t_s": t_s} if t_s.any() else {}
+
+
+P = TypeVar("P", bound=PlaceTable)
+
+
+class PlaceKind(Kind[P]):
+    """A test of places."""
+
+    of_places = True
+
+    def readings(self, table: P) -> Array:
+        return table.xyz_mm
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: P) -> Path:
+        return stops(table.q)
+
+    def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """The target's T_instrument_target, (m, 16) row by row."""
+        T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
+        return T.reshape(-1, 16)
