@@ -127,14 +127,16 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, departures] @ means[departures]
         columns, um = measure.of(T[:, parameters]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
-        usual = measure.um(result.linear.columns([_usual(effect, effect.usual_times(result.built))])[:, 0])
+        usual = measure.um(
+            result.linear.columns([_usual(result.linear, effect, effect.usual_times(result.built))])[:, 0]
+        )
         changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return changes
 
 
-def _usual(effect: Effect, times: float) -> Effect:
+def _usual(linear: Linearisation, effect: Effect, times: float) -> Effect:
     """Return the effect as an arm without a fault shows it, so many times its healthy size."""
-    expected = {shape.field: shape.expected for shape in effect.FREE}
+    expected = {shape.field: shape.expected for shape in effect.free(linear.payload_kg)}
     return scaled(healthy(effect), times, **expected)
 
 

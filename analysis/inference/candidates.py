@@ -63,7 +63,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [{free.field: free.tried} for free in form.FREE if free.tried is not None]
+            tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for shape in tried)
                 candidates.append(Candidate(name_of(form), phases(whole), shaped, size))
@@ -78,7 +78,8 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(_turned(blocks)[: arm.axes].tolist()), rail)
+    turned, payload_kg = tuple(_turned(blocks)[: arm.axes].tolist()), blocks[0].model.load.payload_kg
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), turned, rail, payload_kg)
 
 
 def _turned(blocks: Sequence[Block]) -> Array:

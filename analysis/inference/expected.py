@@ -353,7 +353,9 @@ class ExpectedPosterior:
     def _fitted_sd(self, effect: Effect, size: float) -> float:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its
         shapes."""
-        fault = scaled(healthy(effect), size, **{free.field: free.expected for free in effect.FREE})
+        fault = scaled(
+            healthy(effect), size, **{free.field: free.expected for free in effect.free(self.linear.payload_kg)}
+        )
         refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 

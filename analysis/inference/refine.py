@@ -126,7 +126,7 @@ def refine(
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
-    unknowns = (*before.unknowns, *_unknowns(effects, old))
+    unknowns = (*before.unknowns, *_unknowns(linear, effects, old))
     free_terms = before.free if free is None else Response(free)
 
     def solved(begin: Sequence[Effect], *, alike: bool) -> Refined:
@@ -153,7 +153,7 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
             np.concatenate([departures, alike_columns(linear, effect)], axis=1) if alike else departures
         )
 
-    steps = _steps_nearby(effect, _unknowns([effect], 0))
+    steps = _steps_nearby(effect, _unknowns(linear, [effect], 0))
     return linear.near.of(f"departures{', alike' * alike}", effect, steps, compute)
 
 
@@ -369,7 +369,7 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
     return bounded, at_limit
 
 
-def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
+def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> list[Unknown]:
     """Return the unknowns of the effects from index `first` on."""
     unknowns = []
     for k, effect in enumerate(effects[first:], start=first):
@@ -381,7 +381,9 @@ def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
             unknowns.append(
                 Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low)
             )
-        unknowns += [Unknown(k, free.field, free.expected, free.spread) for free in effect.FREE]
+        for free in effect.free(linear.payload_kg):
+            begin = float(getattr(effect, free.field))
+            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin)))
     return unknowns
 
 

@@ -122,6 +122,11 @@ class Linearisation:
         return self.blocks[0].model.arm.axes
 
     @property
+    def payload_kg(self) -> float:
+        """What the rig file states to hang at the flange, 0 where it does not."""
+        return self.blocks[0].model.load.payload_kg
+
+    @property
     def known(self) -> tuple[Effect, ...]:
         """The effects beside those of the rig file that are part of the model."""
         return self.simulated[0].known

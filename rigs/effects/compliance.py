@@ -12,9 +12,11 @@ from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
 _HANGS_KG = 5.0
-"""The payload during a test is often unknown: what is taken first, …"""
+"""Where no payload is stated it is unknown during a test: what is taken first, …"""
 _HEAVY_KG = 15.0
 """… and the other end of what is tried."""
+_STATED_SHARE, _LEAST_KG = 0.03, 0.1
+"""How far a stated payload may be off. Chosen: a tool is weighed to a few percent; cables and a ball weigh 0.1 kg."""
 
 _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "industrial": (5e-5, 3e-4),
@@ -52,6 +54,14 @@ class Compliance(Effect):
     """Chosen: as soft as a rig file may state an axis (0.05 °/Nm, a spring of 1.1 kNm/rad). Joints of light arms are
     softer by far than those of machines, whose sizes are the healthy ones: fits of FR3 arms ended at 0.006 of 0.018."""
 
+    @classmethod
+    def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
+        """A payload that is stated holds, within what scales and cables leave open, unless readings say otherwise."""
+        if payload_kg <= 0:
+            return cls.FREE
+        spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)
+        return (FreeShape("payload_kg", 0.0, spread, tried=_HEAVY_KG, stated=True),)
+
     def apply(self, scene: S) -> S:
         """The joint gives way in the direction in which gravity pulls it."""
         return scene.turned(self.axis, np.radians(self.deg_per_Nm) * scene.torques(self.payload_kg)[:, self.axis - 1])
@@ -59,7 +69,7 @@ class Compliance(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
         """One at each joint."""
-        return at_each_axis(cls, scope, payload_kg=_HANGS_KG)
+        return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload_kg)[0].expected)
 
     def plain(self, joint: str) -> str:
         return f"deflection under load of {joint}"

@@ -89,6 +89,8 @@ class Scope:
     turned: tuple[float, ...]
     rail: bool = False
     """Whether a rail carries the arm, and stood in different places."""
+    payload_kg: float = 0.0
+    """What the rig file states to hang at the flange, 0 where it does not."""
 
     @property
     def axes(self) -> range:
@@ -99,12 +101,18 @@ class Scope:
 @dataclass(frozen=True)
 class FreeShape:
     """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
-    search looks for it; None where a search does not."""
+    search looks for it; None where a search does not. stated: whether what is expected was stated, and so holds unless
+    readings say otherwise: a fit that begins elsewhere may be as far off as it begins."""
 
     field: str
     expected: float
     spread: float
     tried: float | None = None
+    stated: bool = False
+
+    def spread_from(self, begin: float) -> float:
+        """Return its spread in a fit that begins at a value."""
+        return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
@@ -215,6 +223,11 @@ class Effect(Part, ABC):
     @abstractmethod
     def compensation(self) -> Compensation:
         """Whether and how a controller can make up for it."""
+
+    @classmethod
+    def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
+        """The shapes that are fitted with it, where the rig file states a payload, 0 for none."""
+        return cls.FREE
 
     @property
     def part(self) -> PartKind:
