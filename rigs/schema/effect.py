@@ -184,6 +184,8 @@ class Effect(Part, ABC):
     that looks like it."""
     PART: ClassVar[PartKind | None] = None
     """The part of an arm's error that it belongs to, where its stage does not say that."""
+    FORM_U: ClassVar[float] = 0.0
+    """Standard uncertainty of the size, as a share of it, that comes from a form which readings hardly show."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"

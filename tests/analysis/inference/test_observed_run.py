@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.inference.observation import GRID, ORDER_OF, Sampling, bridging, curve, observe_run, sampling_of
+from analysis.inference.observation import (
+    GRID,
+    ORDER_OF,
+    ORDER_OF_TREND,
+    Sampling,
+    bridging,
+    curve,
+    observe_run,
+    sampling_of,
+)
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
@@ -16,7 +25,9 @@ from tests.support.diagnosis_cells import RIG, WAYS, Array, table_of
 
 AT = np.arange(GRID) * 2 * np.pi / GRID
 HALF = len(ORDER_OF) // 2
-AS_THEY_ARE = Sampling(np.arange(GRID)[None], np.arange(GRID)[None], np.zeros((1, GRID)), AT, (), np.empty(0))
+AS_THEY_ARE = Sampling(
+    np.arange(GRID)[None], np.arange(GRID)[None], np.zeros((1, GRID)), AT, (), np.empty(0), np.empty(0)
+)
 
 
 def _circle(way: Direction) -> CircleTable:
@@ -114,7 +125,7 @@ def test_stands_at_both_ends_are_found_and_their_readings_averaged() -> None:
     np.testing.assert_allclose(one.sampling.stand_share, np.array([len(first), len(last)]) * GRID * 2 / lap)
     values = np.zeros((len(one.one.rows), 2))
     values[first] = [1.0, 3.0]
-    stands = one.sampling.vector(values)[2 * HALF :]
+    stands = one.sampling.without_trend().vector(values)[2 * HALF :]
     np.testing.assert_allclose(stands, np.array([4.0, 2.0, 0.0, 0.0]) / np.sqrt(2), atol=1e-12)
     assert len(one.sampling.without_stands().vector(values)) == 2 * HALF
 
@@ -148,3 +159,18 @@ def test_half_a_circle_is_refused() -> None:
     half = slice(0, len(table.t_s) // 5)
     with pytest.raises(FileError, match="no data"):
         observe_run(model_of(RIG), replace(table, t_s=table.t_s[half], q=table.q[half], g_mm=table.g_mm[half]), "run")
+
+
+def test_a_gauge_that_drifts_shows_from_lap_to_lap_and_a_form_of_the_circle_does_not() -> None:
+    one = observe_run(model_of(RIG), _circle("cw"), "run")
+    assert one.sampling and len(one.sampling.trend) == 2
+    phi, rows = one.sampling.phi, len(one.one.rows)
+    trend = slice(-len(ORDER_OF_TREND), None)
+    lap = np.zeros((rows, 2))
+    lap[: len(phi), 0] = 1 + np.cos(phi) + np.sin(3 * phi)
+    assert np.abs(one.sampling.vector(lap)[trend]).max() < 1e-3
+    drifts = np.zeros((rows, 2))
+    drifts[: len(phi), 0] = np.arange(len(phi)) / len(phi)  # half a mm from the middle of a lap to that of the next
+    shown = one.sampling.vector(drifts)[trend]
+    assert abs(shown[0]) == pytest.approx(0.5 / np.sqrt(2) * np.sqrt(GRID / 2), rel=0.01)
+    assert np.abs(np.delete(shown, [0, len(shown) // 2])).max() < 0.02 * abs(shown[0])
