@@ -51,8 +51,11 @@ pipx install '.[urdf]'                # once, in the clone: with pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 
-The chain between two links must have six or seven revolute joints. They become modified Denavit-Hartenberg constants,
-with `beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to
+The chain between two links must have four to seven revolute or continuous joints. They become modified
+Denavit-Hartenberg constants, with `beta_deg` where axes are parallel. A prismatic joint below all of them becomes
+`robot.rail`; any other is refused, as in a SCARA. A joint that turns without end gets limits of a turn to either side,
+and a line that says so. An end behind a joint that is called gripper, jaw, finger or claw is asked for with `--tip`: a
+jaw is no axis of the arm. Random postures are compared with the forward kinematics of pytransform3d, to
 1e-9 mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or
 else the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first:
 `xacro FILE > arm.urdf`.

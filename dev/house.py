@@ -1,4 +1,4 @@
-"""What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, suppressions.
+"""What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, makers named.
 
 Each number may fall freely; tests/test_house.py holds the largest that each may have.
 """
@@ -20,6 +20,14 @@ EMPTY = frozenset(
     | {"what", "said", "more", "rest", "them", "same", "other", "like", "alone", "beside"}
 )
 """Names that say nothing of what they stand for."""
+MAKERS = {
+    "ur": r"\bur\b|\bur_|_ur\b|\bURs?\b|URScript|URRTDE|Universal Robots",
+    "fanuc": r"(?i:(?<!paper-)fanuc)",
+    "kuka": r"(?i:kuka)|\bKRL\b",
+    "abb": r"\bABB|\babb\b|\babb_|\bRAPID\b",
+    "yaskawa": r"(?i:yaskawa|motoman)|\bINFORM\b",
+}
+"""How each maker is named. The name of a rig, paper-fanuc, is none; nor is that of an arm, as ur10e."""
 
 
 @cache
@@ -40,6 +48,7 @@ def counts() -> dict[str, int]:
         "isinstance of a table": sum(len(re.findall(r"isinstance\([^)]*Table", text)) for text in texts),
         "names that say nothing": sum(name in EMPTY for name in _bindings()),
         "circles of modules": len(circles()),
+        "files that name one maker": max(len(files_that_name(maker)) for maker in MAKERS),
         "suppressions": sum(text.count("# noqa") + text.count("# type: ignore") for text in texts),
         "lines of the longest file": max(text.count("\n") for text in texts),
     }
@@ -105,6 +114,31 @@ def _imports(tree: ast.Module) -> set[str]:
     return imported & modules
 
 
+def files_that_name(maker: str) -> list[str]:
+    """Return the files outside a maker's own that name it in what runs: not in a docstring, which gives a source. Its
+    own are its folder, and files that are named after it, as the driver of its interface."""
+    name = re.compile(MAKERS[maker])
+    others = {
+        file: tree
+        for file, tree in sources().items()
+        if f"/{maker}/" not in file and not Path(file).name.startswith(f"{maker}_")
+    }
+    return [file for file, tree in others.items() if any(name.search(word) for word in _words(tree))]
+
+
+def _words(tree: ast.Module) -> Iterator[str]:
+    """The names and the texts of a file that are no docstrings."""
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Constant(value=str(text)) if id(node) not in docstrings:
+                yield text
+            case ast.Name(id=text) | ast.Attribute(attr=text) | ast.alias(name=text) | ast.ImportFrom(module=str(text)):
+                yield text
+            case ast.ClassDef(name=text) | ast.FunctionDef(name=text):
+                yield text
+
+
 def _that_run(node: ast.AST) -> Iterator[ast.AST]:
     """Each node of a tree but those that only a type checker reads."""
     yield node
@@ -119,6 +153,8 @@ def main() -> int:
         print(f"{number:8d}  {name}")
     lengths = _functions()[0]
     print(f"{sum(lengths) / len(lengths):8.1f}  lines of a function, mean")
+    for maker in MAKERS:
+        print(f"  {maker} is named in: {', '.join(files_that_name(maker))}")
     for circle in circles():
         print(f"  circle: {', '.join(circle)}")
     return 0

@@ -1,4 +1,4 @@
-"""Arms of seven axes of another generator: what poses, or touches of sockets, name and leave, beside least squares.
+"""Arms of other numbers of axes, of another generator: what poses, or touches, name and leave, beside least squares.
 
 `scripts/dev seven_axes --cases 20` draws arms with one or two faults and 200 poses of a tracker; `--sockets 1 2 4` has
 40 touches instead. Printed: faults named as they were hidden, sizes within 2 u, names of what was not hidden, and the
@@ -24,7 +24,9 @@ from rigs.arms import load_arm
 from rigs.effects import Effect, changed, turned
 from rigs.load import parse
 from rigs.rig import Rig
+from rigs.schema.declared_tests import SocketDistance
 from rigs.schema.effect import name_of, size_field
+from rigs.schema.vocabulary import DRIVEN_AXES
 from tests.support.seven_axes import (
     Fault,
     Truth,
@@ -32,15 +34,21 @@ from tests.support.seven_axes import (
     draw_postures,
     draw_truth,
     pose_table,
+    reach_mm,
     run_of,
+    somewhere,
     touch_table,
 )
 
 POSES, TOUCHES, UNSEEN = 200, 40, 200
 BALL_MM = np.array([10.0, -5.0, 120.0])
+ASIDE_MM = 30.0
+"""How far beside the last axis the ball of an arm of few axes is: on it, that axis would hold the ball still."""
 _STEPS, _STEP, _SHOWN, _LONGEST = 5, 1e-3, 1e-3, 4.9
 """Least squares: steps, the step of the slopes (mm and degrees), the singular value below which nothing is moved, as a
 share of the largest, and the longest step."""
+_SEEN_MM = 0.1
+"""Scatter of a touch that weighs a known distance against them."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
     parser.add_argument("--arm", default="franka-fr3", help="an arm of the library (franka-fr3)")
     parser.add_argument("--sockets", type=int, nargs="*", default=[], help="touches of so many sockets, not poses")
+    parser.add_argument("--known-mm", type=float, help="the distance of the first two sockets is known to so many mm")
     parser.add_argument("--play", type=float, help="hide a play of so many degrees, and nothing else")
     parser.add_argument(
         "--minutes", type=float, default=60.0, help="begin no further arm after so many minutes of each kind (60)"
@@ -72,25 +81,31 @@ def main() -> None:
         for seed in range(given.first, given.first + given.cases):
             if time.monotonic() - begin > 60 * given.minutes:
                 break
-            cases.append(drawn(given.arm, seed, sockets, given.play))
+            cases.append(drawn(given.arm, seed, sockets, given.play, given.known_mm))
             print(_line(seed, cases[-1]), flush=True)
         print(_summary(sockets, cases), flush=True)
 
 
-def drawn(name: str, seed: int, sockets: int, play_deg: float | None) -> Case:
-    """One arm, measured and diagnosed."""
+def drawn(name: str, seed: int, sockets: int, play_deg: float | None, known_mm: float | None = None) -> Case:
+    """One arm, measured and diagnosed; known_mm: the uncertainty to which the distance of two sockets is known."""
     rng = np.random.default_rng([7, seed])
     rig = _rig(name, max(sockets, 1))
     faults = (
         draw_faults(rig.robot, rng, int(rng.integers(1, 3)))
         if play_deg is None
-        else (Fault("play", int(rng.integers(1, 7)), play_deg),)
+        else (Fault("play", int(rng.integers(1, len(rig.robot.axes))), play_deg),)
     )
     truth = draw_truth(rig.robot, rng, faults)
+    ball = _ball_mm(rig)
+    places: Array | int = sockets
+    if sockets > 1 and known_mm is not None:
+        places = np.array([somewhere(rng, reach_mm(rig.robot)) for _ in range(sockets)])
+        measured_mm = float(np.linalg.norm(places[1] - places[0])) + float(rng.normal(0, known_mm))
+        rig = _rig(name, sockets, SocketDistance(between=("A", "B"), distance_mm=measured_mm, u_mm=known_mm))
     table = (
-        touch_table(rig.robot, truth, rng, BALL_MM, sockets, TOUCHES)
+        touch_table(rig.robot, truth, rng, ball, places, TOUCHES)
         if sockets
-        else pose_table(rig.robot, truth, rng, BALL_MM, POSES)
+        else pose_table(rig.robot, truth, rng, ball, POSES)
     )
     run = run_of(rig, table)
     start = time.process_time()
@@ -102,16 +117,23 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None) -> Case:
     return Case(faults, truth, found, *errors, seconds)
 
 
-def _rig(name: str, sockets: int) -> Rig:
+def _ball_mm(rig: Rig) -> Array:
+    """Where the ball (3,) mm is on the flange."""
+    few = len(rig.robot.axes) < DRIVEN_AXES
+    return np.array([ASIDE_MM, BALL_MM[1], BALL_MM[2]]) if few else BALL_MM
+
+
+def _rig(name: str, sockets: int, distance: SocketDistance | None = None) -> Rig:
     names = ", ".join(f'"{letter}"' for letter in "ABCD"[:sockets])
-    return parse(f"name: seven\n{load_arm(name).text}tests: {{touch: {{sockets: [{names}]}}}}\n", "seven.yaml")
+    stated = f", distances: [{distance.model_dump_json()}]" if distance else ""
+    return parse(f"name: seven\n{load_arm(name).text}tests: {{touch: {{sockets: [{names}]{stated}}}}}\n", "seven.yaml")
 
 
 def _unseen_mm(rig: Rig, truth: Truth, effects: list[Effect], seed: int) -> float:
     """How far a model is from the arm at postures that were not used, rms mm, with base and ball fitted."""
     rng = np.random.default_rng([8, seed])
     q = draw_postures(rig.robot, rng, UNSEEN)
-    really = truth.places(q, np.vstack([q[:1], q[:-1]]), BALL_MM)
+    really = truth.places(q, np.vstack([q[:1], q[:-1]]), _ball_mm(rig))
     T = _posed(model_of(rig, effects), PoseTable(q, really, None))
     return float(np.sqrt(np.mean(np.sum(position_error(T, really, fit_setup(T, really)) ** 2, axis=1))))
 
@@ -140,7 +162,7 @@ def _squares(rig: Rig, run: Measured) -> list[Effect]:
     def left(x: Array) -> Array:
         own, ball = x[: len(kinds)], x[len(kinds) : len(kinds) + 3]
         T = _posed(model_of(rig, effects(own)), table)
-        places = T[:, :3, 3] + T[:, :3, :3] @ (BALL_MM + ball)
+        places = T[:, :3, 3] + T[:, :3, :3] @ (_ball_mm(rig) + ball)
         if names is None:
             a, b = places - places.mean(axis=0), table.xyz_mm - table.xyz_mm.mean(axis=0)
             u, _, v = np.linalg.svd(a.T @ b)
@@ -148,6 +170,10 @@ def _squares(rig: Rig, run: Measured) -> list[Effect]:
         else:
             means = np.array([places[names == k].mean(axis=0) for k in range(names.max() + 1)])
             off = places - means[names]
+            for stated in rig.tests.touch.distances if rig.tests.touch else ():
+                first, second = (means["ABCD".index(socket)] for socket in stated.between)
+                off_mm = np.linalg.norm(second - first) - stated.distance_mm
+                off = np.vstack([off, [off_mm / stated.u_mm * _SEEN_MM, 0, 0]])
         return np.asarray(off.ravel())
 
     x = np.zeros(len(kinds) + 3)

@@ -36,6 +36,7 @@ from rigs.schema.effect import (
 )
 from rigs.schema.part import Axis, Part
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 Array = NDArray[np.float64]
 CALIBRATION = ".calibration.json"
@@ -136,7 +137,7 @@ class CalibratedModel(Part):
     date: dt.date
     version: str
     runs: tuple[CalibratedRun, ...]
-    joints_deg: tuple[tuple[float, float], ...] = Field(min_length=6, max_length=7)
+    joints_deg: tuple[tuple[float, float], ...] = Field(min_length=FEWEST_AXES, max_length=MOST_AXES)
     rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
     setups: dict[str, PlacedSetUp]
     before_um: float

@@ -17,7 +17,7 @@ from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.probe import Ball, Link, Temperature
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES, MAKERS, MOST_AXES, Maker, maker_named, maker_of
+from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""
@@ -63,15 +63,15 @@ class Rig(Part):
         return self._calibrated
 
     @property
-    def maker(self) -> Maker | None:
+    def maker(self) -> MakerName | None:
         """The maker of the controller as its feedback says, or the robot's name where any maker may speak that; None
         where neither does."""
         return maker_of(self.feedback.interface) or maker_named(self.robot.name)
 
     @property
-    def makers(self) -> tuple[Maker, ...]:
+    def makers(self) -> tuple[MakerName, ...]:
         """The makers whose controllers it may have, the likeliest first: one where that is known, else all."""
-        return (self.maker,) if self.maker else MAKERS
+        return (self.maker,) if self.maker else makers()
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
         """Return the rig with the calibration of a file, or with none."""
@@ -118,7 +118,7 @@ class Rig(Part):
     def _is_driven(self) -> Rig:
         axes = len(self.robot.axes)
         driven = self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
-        if axes > FEWEST_AXES and driven:
+        if axes != DRIVEN_AXES and driven:
             problem = f"an arm of {axes} axes is measured by poses and touches that are imported"
             raise ValueError(f"{problem}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
         if self.robot.rail and (driven or self.tests.iso9283):

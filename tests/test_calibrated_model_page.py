@@ -46,6 +46,9 @@ TERMS = [
     ({"effect": "wrist_coupling", "from_axis": 4, "to_axis": 6, "ratio": 1e-4}, 1.5),
     ({"effect": "link_bending", "axis": 2, "mm_per_Nm": 1e-4}, 2.5),
     ({"effect": "link_bending", "axis": 3, "mm_per_Nm": 1e-4}, 1.5),
+    ({"effect": "base_yields", "way": "evenly", "deg_per_Nm": 1e-5, "below_mm": 300}, 1.5),
+    ({"effect": "base_yields", "way": "yx", "deg_per_Nm": 1e-5}, 2.5),
+    ({"effect": "base_sags", "way": "y", "mm_per_Nm": 1e-4}, -2.5),
 ]
 LEFT_OUT = [
     ({"effect": "servo_lag", "axis": 1, "lag_s": 0.002}, 1.0),

@@ -1,4 +1,4 @@
-"""The pages that add an effect and a measurement, followed to the letter in a copy of the tree."""
+"""The pages that add an effect, a measurement and a maker, followed to the letter in a copy of the tree."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import yaml
 from tests.support.how_to import checked, commands, followed, output
 
 pytestmark = pytest.mark.cpu_limit(300)  # commands and checks of a whole tree, in processes of their own
-EFFECT, MEASUREMENT = "add-an-effect.md", "add-a-measurement.md"
+EFFECT, MEASUREMENT, MAKER = "add-an-effect.md", "add-a-measurement.md", "add-a-maker.md"
 PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 
 
@@ -87,3 +87,14 @@ def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
     (found,) = json.loads(output(tree, "rig", "analyse", str(run), "--json"))["runs"]
     drift = found["figures"]["drift_mean_mm"]
     assert drift["unit"] == "mm" and abs(drift["value"]) < 4 * drift["u"]
+
+
+@pytest.mark.nightly  # half a minute; in each commit the maker of the page is installed as a package, and writes
+def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: Path) -> None:
+    files = followed(MAKER, tmp_path)
+    checked(tmp_path, files)
+    tests = ("tests/analysis/makers/test_acme.py", "tests/analysis/robot_programs/test_paths.py")
+    assert "26 passed" in output(tmp_path, *PYTEST, "-m", "nightly or not nightly", "-k", "acme", *tests)
+    output(tmp_path, "lint-imports", "--no-cache", "--contract", "makers")
+    said = output(tmp_path, "bash", "-ec", commands(MAKER, "rig correct"))
+    assert "zero of axis 3" in said and "56 targets corrected, 0 places left" in said

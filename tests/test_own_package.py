@@ -13,8 +13,13 @@ import pytest
 from tests.support.how_to import HOW_TO, ROOT, blocks, run
 
 pytestmark = pytest.mark.cpu_limit(60)
-PAGES = {"cell_dial": "add-a-gauge.md", "cell_arm": "add-a-robot-interface.md", "cell_bow": "add-an-effect.md"}
-EXAMPLES = {"cell_dial": "gauge", "cell_arm": "robot", "cell_bow": "effect"}
+PAGES = {
+    "cell_dial": "add-a-gauge.md",
+    "cell_arm": "add-a-robot-interface.md",
+    "cell_bow": "add-an-effect.md",
+    "cell_acme": "add-a-maker.md",
+}
+EXAMPLES = {"cell_dial": "gauge", "cell_arm": "robot", "cell_bow": "effect", "cell_acme": "maker"}
 
 
 def installed(site: Path, package: str) -> None:
@@ -46,13 +51,14 @@ def offers(site: Path, name: str, points: dict[str, dict[str, str]]) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A tree of rig in which the three packages are installed beside it."""
+    """A tree of rig in which the packages are installed beside it."""
     tree = tmp_path_factory.mktemp("site")
     for name in ("rigs", "daq", "analysis"):
         (tree / name).symlink_to(ROOT / name)
     for package in PAGES:
         installed(tree, package)
     offers(tree, "half-done", {"rig.gauges": {"half_done": "nowhere.at_all:Gauge", "tesa_tt": "cell_dial.schema:X"}})
+    offers(tree, "half-made", {"rig.makers": {"half_made": "nowhere.at_all", "kuka": "cell_acme", "bare": "cell_bow"}})
     return tree
 
 
@@ -83,6 +89,36 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
     assert robot == "Streamed"
     assert effect == "cell_bow.effect True"
     assert tesa == "rigs.schema.gauges", "a name of rig's own is not taken over"
+
+
+OF_A_MAKER = """
+import sys
+from analysis.cli import main
+from analysis.makers import maker_by, maker_of_file
+from rigs.errors import UseError
+from rigs.schema.vocabulary import maker_named, makers
+print(makers()[5:], maker_named("ACME 6"), maker_named("Half Made"))
+print(maker_by("kuka").package, maker_of_file("a.ACM").name)
+for name in "half_made", "bare":
+    try:
+        maker_by(name).writer
+    except UseError as error:
+        print(error)
+sys.argv[1:] = "program", "ur10e", "--for", "Acme", "--test", "yaw", "-o", sys.argv[1]
+main()
+"""
+
+
+def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: Path) -> None:
+    done = run(site, sys.executable, "-c", OF_A_MAKER, str(tmp_path / "made"))
+    assert done.returncode == 0, done.stderr
+    names, places, broken, bare, *_ = done.stdout.splitlines()
+    assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.makers.kuka acme"
+    assert broken.startswith("half_made: nowhere.at_all.writer cannot be used: No module named 'nowhere'; ")
+    assert bare == (
+        "bare: no programs are written for it; give another maker, or add cell_bow.writer.WRITER to its package"
+    )
+    assert (tmp_path / "made" / "yaw_acw_ur10e.acm").read_bytes().count(b"\r\nARC ") == 15
 
 
 def check(site: Path, file: Path) -> subprocess.CompletedProcess[str]:

@@ -50,9 +50,26 @@ def _functions() -> Iterator[tuple[str, ast.FunctionDef, str]]:
             bodies = [("", node)] if isinstance(node, ast.Module) else []
             bodies += [(ast.get_docstring(node) or "", node)] if isinstance(node, ast.ClassDef) else []
             for of_class, body in bodies:
+                inherited = _inherited(body) if isinstance(body, ast.ClassDef) else set()
                 for one in body.body:
-                    if isinstance(one, ast.FunctionDef) and not one.name.startswith("_") and _on_arrays(one):
+                    if not isinstance(one, ast.FunctionDef) or one.name.startswith("_") or one.name in inherited:
+                        continue
+                    if _on_arrays(one):
                         yield f"{name}:{one.name}", one, _words(one, of_class)
+
+
+@cache
+def _classes() -> dict[str, ast.ClassDef]:
+    """The classes of the product by name."""
+    return {node.name: node for path in FILES for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)}
+
+
+def _inherited(of_class: ast.ClassDef) -> set[str]:
+    """The methods whose words stand in a class that this one extends."""
+    names = {ast.unparse(base).partition("[")[0] for base in of_class.bases}
+    above = [_classes()[name] for name in names if name in _classes() and name != of_class.name]
+    methods = [one for body in above for one in body.body if isinstance(one, ast.FunctionDef)]
+    return {one.name for one in methods if ast.get_docstring(one)}.union(*map(_inherited, above))
 
 
 def _arrays(one: ast.FunctionDef) -> list[ast.arg]:

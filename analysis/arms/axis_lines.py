@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
 """Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
@@ -26,12 +27,13 @@ class AxisLines:
     """The axes of an arm in the base frame, all joints at zero.
 
     points (axes, 3) mm: a point of each; directions (axes, 3): unit vectors about which positive angles turn;
-    T_base_flange (4, 4), lengths in mm.
+    T_base_flange (4, 4), lengths in mm. rail: what carries them.
     """
 
     points: Array
     directions: Array
     T_base_flange: Array
+    rail: Rail | None = None
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import yaml
 from pydantic import ValidationError
 
 from analysis.arms.axis_lines import AxisLines, DenavitHartenberg, denavit_hartenberg
-from analysis.kinematics.arm import Array, arm_of, forward, roll_pitch_yaw
+from analysis.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
-from rigs.schema.robot import JointAxis, Pose, Robot, identity
+from rigs.schema.robot import JointAxis, Pose, Rail, Robot, identity
 from rigs.text import plain
 from rigs.yaml_text import flow
 
@@ -54,7 +54,7 @@ class Section:
     largest_rad: float
 
 
-def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Robot:
+def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
     """Return the robot with these constants and joints.
 
     What lies beyond the last joint is its `tool`: a flange that stands on axis 6 leaves none.
@@ -77,7 +77,7 @@ def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Ro
     )
     coupling = tuple(tuple(float(one) for one in row) for row in np.diag(found.senses))
     base = Pose(xyz_mm=_vector(found.base_mm))
-    return Robot(name=name, axes=axes, coupling=coupling, base=base, tool=_pose(found.T_last_flange))
+    return Robot(name=name, axes=axes, coupling=coupling, base=base, rail=rail, tool=_pose(found.T_last_flange))
 
 
 def robot_text(robot: Robot) -> str:
@@ -104,8 +104,9 @@ def checked_section(
 ) -> Section:
     """Return the section of axes and joints, under lines of comment, after a comparison with its source.
 
-    source: poses (n, 4, 4) mm of the flange at joint angles (n, axes) rad, computed without the axes. Raises FileError
-    that names path where the section cannot be written, or differs by more than the tolerance.
+    source: poses (n, 4, 4) mm of the flange at joint angles (n, axes) rad, and where a rail stands in m, computed
+    without the axes. Raises FileError that names path where the section cannot be written, or differs by more than
+    the tolerance.
     """
     text = "".join(f"# {plain(line)}\n" for line in head) + _section_text(name, axes, joints, path)
     robot = parsed(text)
@@ -123,13 +124,17 @@ def parsed(text: str) -> Robot:
 
 
 def random_postures(robot: Robot) -> Array:
-    """Return joint angles (200, axes) rad within the limits, the same at each call."""
-    low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
+    """Return joint angles (200, axes) rad within the limits, the same at each call; of an arm on a rail a column more,
+    where it stands in m."""
+    limits = np.radians([axis.limits_deg for axis in robot.axes])
+    if robot.rail:
+        limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])
+    low, high = limits.T
     return np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
-    """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, 6) rad."""
+    """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, axes) rad."""
     return forward(arm_of(robot), q)
 
 
@@ -142,7 +147,7 @@ def largest_difference(T: Array, other: Array) -> tuple[float, float]:
 
 def _section_text(name: str, axes: AxisLines, joints: Sequence[Joint], path: Path) -> str:
     try:
-        return robot_text(robot_of(name, denavit_hartenberg(axes), joints))
+        return robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))

@@ -12,7 +12,7 @@ from analysis.arms.axis_lines import AxisLines
 from analysis.arms.robot_section import Section, checked_section
 from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
 from analysis.arms.urdf_file import read_urdf
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import RAIL_MM, Array
 from rigs.schema.robot import Pose, Robot
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
@@ -30,7 +30,7 @@ class UrdfArm:
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
-    """Return the arm between two links of a URDF. Raises FileError for what has no six or seven axes."""
+    """Return the arm between two links of a URDF. Raises FileError for what has no four to seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
@@ -40,21 +40,25 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     )
     section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
     doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(section.robot), *_left_out(others_of(urdf, chain))]
+    doubts += _endless(chain)
     return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 
 def library_poses(chain: Chain, q: Array) -> Array:
-    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, axes) rad."""
+    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, axes) rad, with
+    where the rail stands in m, of a chain that has one."""
     from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
 
     frames = UrdfTransformManager()
     for joint in (*chain.up, *chain.down):
-        kind = "revolute" if joint.moves else "fixed"
+        kind = "revolute" if chain.turns(joint) else "prismatic" if joint is chain.rail else "fixed"
         frames.add_joint(joint.name, joint.child, joint.parent, joint.T_parent_child, joint.axis, joint_type=kind)
     poses = []
     for angles in q.tolist():
-        for joint, angle in zip(chain.moving, angles, strict=True):
+        for joint, angle in zip(chain.turning, angles, strict=False):
             frames.set_joint(joint.name, angle)
+        if chain.rail:
+            frames.set_joint(chain.rail.name, RAIL_MM * angles[-1])
         poses.append(frames.get_transform(chain.tip, chain.base))
     return np.array(poses, dtype=float)
 
@@ -63,7 +67,7 @@ def _slightly_off(axes: AxisLines, chain: Chain) -> list[str]:
     """What to say of successive axes that are nearly, and not quite, parallel or at right angles."""
     found = []
     for z, z_next, *joints in zip(
-        axes.directions[:-1], axes.directions[1:], chain.moving[:-1], chain.moving[1:], strict=True
+        axes.directions[:-1], axes.directions[1:], chain.turning[:-1], chain.turning[1:], strict=True
     ):
         sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
         if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
@@ -86,6 +90,15 @@ def _ends_elsewhere(robot: Robot) -> list[str]:
             "another --tip"
         )
     return said
+
+
+def _endless(chain: Chain) -> list[str]:
+    """What to say of joints without limits."""
+    names = [joint.name for joint in chain.turning if joint.type == "continuous"]
+    if not names:
+        return []
+    limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
+    return [f"joints turn without end: {listed(names)}; {limits}"]
 
 
 def _left_out(names: Sequence[str]) -> list[str]:

@@ -12,14 +12,20 @@ from analysis.arms.robot_section import Joint
 from analysis.arms.urdf_file import Urdf, UrdfJoint
 from analysis.kinematics.arm import Array
 from rigs.errors import FileError
+from rigs.schema.robot import Rail
 from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
-_NO_TURN = {
-    "prismatic": "it slides: leave it out, with --base or --tip; a rail is robot.rail of a rig file",
-    "continuous": "it has no limits: write type revolute, with lower, upper and velocity",
-}
+_SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
+_ENDLESS_RAD = 2 * np.pi
+"""Limits of a joint that turns without end: a turn to either side, as most controllers that show such a joint count."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
+_GRIPPER = ("gripper", "jaw", "finger", "claw")
+"""What joints and links of a gripper are called; SO-100, SO-101, WidowX and Robotiq's are."""
 _LISTED = 5
+_DECIMALS, _MM = 9, 1000.0
+"""Decimals of metres as written."""
+_NONE = 1e-13
+"""A part of a direction below this is the rounding of zero."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +39,23 @@ class Chain:
     down: tuple[UrdfJoint, ...]
 
     @property
-    def moving(self) -> tuple[UrdfJoint, ...]:
-        """The joints that are not fixed, from the base."""
-        return tuple(joint for joint in self.down if joint.moves)
+    def rail(self) -> UrdfJoint | None:
+        """The joint that slides below all that turn."""
+        first = next((joint for joint in self.down if joint.moves), None)
+        return first if first is not None and first.type == "prismatic" else None
+
+    @property
+    def turning(self) -> tuple[UrdfJoint, ...]:
+        """The joints that are neither fixed nor the rail, from the base."""
+        return tuple(joint for joint in self.down if self.turns(joint))
+
+    def turns(self, joint: UrdfJoint) -> bool:
+        """Whether a joint is an axis of the arm."""
+        return joint.moves and joint is not self.rail
 
 
 def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
-    """Return the chain of six or seven turning joints between two links.
+    """Return the chain of four to seven turning joints between two links.
 
     base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
     Raises FileError for any other chain.
@@ -55,20 +71,22 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     while up and down and up[0] is down[0]:
         up, down = up[1:], down[1:]
     chain = Chain(start, end, tuple(reversed(up)), tuple(down))
+    if tip is None:
+        _require_no_gripper(chain, where)
     _require_an_arm(chain, where)
     return chain
 
 
 def axes_of(chain: Chain) -> AxisLines:
-    """Return the axes of a chain in its base frame, in mm, all joints at zero."""
+    """Return the axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
     T = _T_base_parting(chain)
     points, directions = [], []
     for joint in chain.down:
         T = T @ joint.T_parent_child
-        if joint.moves:
+        if chain.turns(joint):
             points.append(T[:3, 3])
             directions.append(T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis))
-    return AxisLines(np.array(points), np.array(directions), T)
+    return AxisLines(np.array(points), np.array(directions), T, _rail(chain))
 
 
 def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
@@ -77,13 +95,27 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
     found = []
     for joint in chain.down:
         T = T @ joint.T_parent_child
-        if not joint.moves:
+        if not chain.turns(joint):
             continue
         mass, centre = _mass(urdf, joint.child, T)
-        low, high = np.degrees([joint.lower, joint.upper]).round(9).tolist()
+        limits = [-_ENDLESS_RAD, _ENDLESS_RAD] if joint.type == "continuous" else [joint.lower, joint.upper]
+        low, high = np.degrees(limits).round(9).tolist()
         speed = round(float(np.degrees(joint.velocity)), 9)
         found.append(Joint(joint.name, (low, high), speed, mass, centre))
     return tuple(found)
+
+
+def _rail(chain: Chain) -> Rail | None:
+    """The rail of a chain, whose way is in its base frame."""
+    if (joint := chain.rail) is None:
+        return None
+    T = _T_base_parting(chain)
+    for each in chain.down[: chain.down.index(joint) + 1]:
+        T = T @ each.T_parent_child
+    way = T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
+    x, y, z = (0.0 if abs(part) < _NONE else float(part) for part in way)
+    low, high = (_MM * round(end, _DECIMALS) for end in (joint.lower, joint.upper))
+    return Rail(direction=(x, y, z), limits_mm=(low, high))
 
 
 def others_of(urdf: Urdf, chain: Chain) -> tuple[str, ...]:
@@ -95,25 +127,36 @@ def others_of(urdf: Urdf, chain: Chain) -> tuple[str, ...]:
 def _require_an_arm(chain: Chain, where: str) -> None:
     if loose := next((joint for joint in chain.up if joint.moves), None):
         raise FileError(where, f"joint {loose.name} moves the base {chain.base} itself", _REMEDY)
-    for joint in chain.moving:
-        _require_a_turn(joint, where)
-    if not FEWEST_AXES <= (count := len(chain.moving)) <= MOST_AXES:
-        what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has six or seven"
+    for joint in (joint for joint in chain.down if joint.moves):
+        _require_an_axis(joint, where, rail=joint is chain.rail)
+    if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
+        what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
         raise FileError(where, what, _REMEDY)
 
 
-def _require_a_turn(joint: UrdfJoint, where: str) -> None:
-    """One joint as a rig file can have it."""
+def _require_no_gripper(chain: Chain, where: str) -> None:
+    """The last joint of an end that was not chosen must not open a gripper, by its name."""
+    if not (moving := [joint for joint in chain.down if joint.moves]):
+        return
+    last = moving[-1]
+    if any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
+        what = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
+        raise FileError(where, what, f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis")
+
+
+def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
+    """One joint as a rig file can have it, or the rail."""
     place = f"joint {joint.name}"
     if joint.follows is not None:
         raise FileError(where, f"{place} follows joint {joint.follows}", "write it as a joint of its own")
-    if joint.type in _NO_TURN:
-        raise FileError(where, f"{place} is {joint.type}", _NO_TURN[joint.type])
+    if joint.type == "prismatic" and not rail:
+        raise FileError(where, f"{place} is prismatic", _SLIDES)
     if np.linalg.norm(joint.axis) < 1e-6:
         raise FileError(where, f"{place} has an axis of no length", "write its direction, as 0 0 1")
-    if not np.isfinite([joint.lower, joint.upper, joint.velocity]).all():
+    endless = joint.type == "continuous"
+    if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
         raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
-    if joint.lower >= joint.upper or joint.velocity <= 0:
+    if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
         what = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
         raise FileError(where, what, "write the limits in order, and a velocity above 0")
 
@@ -134,7 +177,7 @@ def _only_end(urdf: Urdf, start: str, above: dict[str, UrdfJoint], where: str) -
     leaves = [name for name in urdf.masses if name not in parents and name != start]
     moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
     if not moved:
-        raise FileError(where, "has no moving joint", "give the URDF of an arm of six or seven axes")
+        raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
     if len(moved) > 1:
         raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
     return moved[0]

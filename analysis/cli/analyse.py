@@ -62,9 +62,9 @@ def analyse(
 
 def _as_line(run: Path) -> str:
     """A run and its figures as one line of JSON, plain ASCII."""
-    from analysis.measures.results import read_and_evaluated
+    from analysis.measures.results import figures_alone
 
-    return json.dumps(read_and_evaluated(run).to_dict())
+    return json.dumps(figures_alone(run).to_dict())
 
 
 def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: bool, truth: Path | None) -> None:

@@ -32,6 +32,7 @@ JOBS = {
         "what is in doubt.",
         "arms": "List the arm library, or show one arm as the robot section of a rig file.",
         "import-urdf": "Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad.",
+        "parts": "Write the parts of touches and of the link as STL, with a drawing and a list of what to buy.",
         "circle": "Find the circle of a rig file from the robot's motion.",
         "ball": "Find the ball of the hemisphere from the robot's stands.",
     },

@@ -12,7 +12,8 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
-from rigs.schema.vocabulary import FEWEST_AXES, DrivenTest, Maker, maker_of
+from analysis.makers import suffixes_in_words
+from rigs.schema.vocabulary import DRIVEN_AXES, DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -34,15 +35,15 @@ _Targets = Annotated[
     ),
 ]
 _Maker = Annotated[
-    Maker | None,
+    MakerName | None,
     maker_option("Maker of the controller whose parameters are written", "that of the robot feedback in the rig file"),
 ]
 _Scale = Annotated[
     str | None,
     typer.Option(
         metavar="NUMBERS",
-        help="Six numbers, separated by commas: signed counts per degree of each axis (fanuc, yaskawa), or its "
-        "gear ratio (abb); default: changes are given in degrees of the reading.",
+        help="Six numbers, separated by commas: signed counts per degree of each axis, or its gear ratio, whichever "
+        "the controller reckons with; default: changes are given in degrees of the reading.",
     ),
 ]
 
@@ -52,8 +53,8 @@ _Programs = Annotated[
     typer.Option(
         "--program",
         metavar="FILE",
-        help="Robot program of yours whose targets are corrected in a copy: .script, .urscript (UR), .ls (FANUC), .src "
-        "with its .dat (KUKA), .mod (ABB) or .jbi (Yaskawa); can be repeated; default: none.",
+        help=f"Robot program of yours whose targets are corrected in a copy: {suffixes_in_words()}; can be repeated; "
+        "default: none.",
     ),
 ]
 _Tools = Annotated[
@@ -61,8 +62,8 @@ _Tools = Annotated[
     typer.Option(
         "--tool",
         metavar="NAME=FRAME",
-        help="Tool that a program only names or numbers (tcp for UR): X,Y,Z,RX,RY,RZ from the flange in mm and degrees "
-        "about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
+        help="Tool that a program only names or numbers (tcp in a script): X,Y,Z,RX,RY,RZ from the flange in mm and "
+        "degrees about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
     ),
 ]
 _Frames = Annotated[
@@ -102,10 +103,9 @@ def correct(
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
 
     from analysis.cli.progress import progress_of
-    from analysis.correction.controllers import scale_of
+    from analysis.correction.controller_entries import scale_of
     from analysis.correction.correct import correct_rig, target_errors
-    from analysis.correction.corrected_program import Programs
-    from analysis.correction.programs.frames import frames_of
+    from analysis.correction.corrected_program import Programs, frames_of
     from analysis.correction.refusal import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
@@ -141,10 +141,10 @@ def correct(
     end_with(worst(errors))
 
 
-def _say_next(rig_file: str, rig: Rig, maker: Maker | None, directory: Path, corrected: Path | None) -> None:
+def _say_next(rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, corrected: Path | None) -> None:
     """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
-    programmed, file = axes == FEWEST_AXES and not rail, as_argument(rig_file)
+    programmed, file = axes == DRIVEN_AXES and not rail, as_argument(rig_file)
     if maker is None and programmed:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +19,7 @@ from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
+    from analysis.inference.acts import Act
 
 
 @command(app, "rig diagnose runs/* -o found")
@@ -85,7 +88,7 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    _show(diagnosis, as_json=as_json)
+    _show(diagnosis if as_json else with_commands_here(diagnosis, output), as_json=as_json)
     if output:
         _write(diagnosis, measured, text, output, errors)
     end_with(worst(errors))
@@ -114,6 +117,24 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
     return used, held_out_runs, elsewhere
 
 
+def with_commands_here(diagnosis: Diagnosis, output: Path | None) -> Diagnosis:
+    """Return a diagnosis whose acts name the model where it is: in the directory asked for, or else in the one into
+    which this command writes it with -o."""
+    from analysis.inference.acts import FOUND
+
+    directory = output if output and output.suffix != ".html" else None
+    again = (*map(as_argument, sys.argv[1:]), "-o", "found")
+
+    def named(word: str) -> str:
+        return as_argument(directory / word.removeprefix(FOUND)) if directory and word.startswith(FOUND) else word
+
+    def here(act: Act) -> Act:
+        names_it = any(word.startswith(FOUND) for word in act.command)
+        return replace(act, command=again if names_it and not directory else tuple(map(named, act.command)))
+
+    return replace(diagnosis, acts=tuple(map(here, diagnosis.acts)))
+
+
 def _show(diagnosis: Diagnosis, *, as_json: bool) -> None:
     from analysis.reporting.diagnosis_screen import as_screen
     from analysis.reporting.plain_console import PlainConsole
@@ -136,7 +157,8 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
     if is_page(output):
         with progress_of() as progress:
             results = evaluate_runs(measured)
-            report = gather(results, diagnosis.rig, diagnosis=diagnosis, left_out=errors, progress=progress)
+            here = with_commands_here(diagnosis, output)
+            report = gather(results, diagnosis.rig, diagnosis=here, left_out=errors, progress=progress)
             written = [write_page(report, output)]
     else:
         written = write(diagnosis, text, output)

@@ -10,7 +10,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, maker_option
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
     from daq.service.trust import InstanceLock
@@ -39,9 +39,10 @@ def emulate(
         typer.Option(help="Directory of robot programs that the robot drives by name; default: none."),
     ] = None,
     maker: Annotated[
-        Maker | None,
+        MakerName | None,
         maker_option(
-            "Maker of the controller that drives --programs", "that of the robot feedback, else of the first program"
+            "Maker of the controller that drives --programs",
+            "that of the robot feedback, else of the first program",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
@@ -59,11 +60,10 @@ def emulate(
     import signal
     from queue import SimpleQueue
 
-    from analysis.emulation.cell_files import write_cell_files
     from analysis.emulation.keyboard import Keyboard
     from analysis.emulation.pendant import Pendant
     from analysis.setup.dialogue import has_keyboard
-    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, write_cell_files
     from daq.emulators import emulated
     from rigs.errors import FileError, UseError
     from rigs.load import load, load_hidden, named_by
@@ -117,7 +117,7 @@ def locked_cell(directory: Path) -> InstanceLock:
 def rig_file_of_cell(directory: Path) -> Path:
     """Return where to write the rig file of an emulated or replayed cell, in place of that of an earlier one. Raises
     FileError for any other rig file."""
-    from analysis.emulation.cell_files import RIG, TRUTH
+    from analysis.simulation.emulated_robot import RIG, TRUTH
     from rigs.errors import FileError
 
     path = directory / RIG

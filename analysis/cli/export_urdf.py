@@ -13,7 +13,7 @@ from analysis.cli.console import say
 from analysis.cli.options import RigArgument
 
 if TYPE_CHECKING:
-    from analysis.correction.geometric_share import GeometricShare
+    from analysis.correction.work import GeometricShare
     from analysis.kinematics.arm import Arm
     from rigs.rig import Rig
 
@@ -68,7 +68,7 @@ def export_urdf(
 
     What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
     """
-    from analysis.correction.geometric_share import geometric_share
+    from analysis.correction.work import geometric_share
     from analysis.model.predict import geometric_arm, model_of
     from rigs.load import load
 

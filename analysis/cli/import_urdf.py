@@ -14,7 +14,10 @@ from analysis.cli.console import say
 
 @command(app, "rig import-urdf arm.urdf -o arm.yaml", name="import-urdf")
 def import_urdf(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF of an arm of 6 or 7 axes; no meshes are needed.")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="URDF of an arm of 4 to 7 axes, on a rail or not; no meshes are needed."),
+    ],
     base: Annotated[
         str | None, typer.Option(help="Link that is the base frame; default: the link named base, or the root.")
     ] = None,

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from analysis.cli import completion
-from rigs.schema.vocabulary import MAKERS, Direction, Maker, direction_of, maker_named
+from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, maker_named
 
 
 def location(given: str | Path) -> Path:
@@ -90,7 +90,7 @@ def direction_option(meaning: str) -> Any:
     )
 
 
-def _maker(given: str) -> Maker:
+def _maker(given: str) -> MakerName:
     """A maker as people write it. Raises typer.BadParameter."""
     maker = maker_named(given)
     if maker is None:

@@ -14,7 +14,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
-from rigs.schema.vocabulary import Maker, TestName
+from rigs.schema.vocabulary import MakerName, TestName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def plan(
         typer.Option(min=6, max=300, help="Plan so many poses for a tracker instead; -o writes them; default: none."),
     ] = None,
     maker: Annotated[
-        Maker | None,
+        MakerName | None,
         maker_option("With --poses: maker of the controller whose program is written", "none"),
     ] = None,
     tracker: Annotated[

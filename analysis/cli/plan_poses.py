@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError, UseError
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
     from analysis.geometry.pose_pool import Sight
@@ -19,7 +19,7 @@ def plan_poses(
     rig_file: str,
     count: int,
     output: Path | None,
-    maker: Maker | None,
+    maker: MakerName | None,
     tracker: str | None,
     faces: str | None,
     dwell_s: float,
@@ -72,12 +72,12 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
     return Sight(place, axis)
 
 
-def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: Maker | None, dwell_s: float) -> list[Path]:
+def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | None, dwell_s: float) -> list[Path]:
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
     from analysis.files.write import holding, write_all_new
+    from analysis.makers.writing import encoded_programs, programs_of
     from analysis.robot_programs.examine import demand_of
     from analysis.robot_programs.planned import poses_plan
-    from analysis.robot_programs.write import encoded_programs, programs_of
 
     files = {"poses.csv": holding(planned.csv().encode())}
     if maker:

@@ -11,7 +11,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Anyway, RigArgument, maker_option
-from rigs.schema.vocabulary import CIRCLES, Maker, ProgramTest
+from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
@@ -21,10 +21,10 @@ _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
 
 
-@command(app, "rig program ur10e --for ur --test yaw -o programs")
+@command(app, "rig program paper-fanuc --for fanuc --test yaw -o programs")
 def program(
     rig_file: RigArgument,
-    maker: Annotated[Maker, maker_option("Maker of the controller")],
+    maker: Annotated[MakerName, maker_option("Maker of the controller")],
     test: Annotated[
         ProgramTest,
         typer.Option(
@@ -67,10 +67,10 @@ def program(
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
     from analysis.cli.program_iso9283 import program_iso9283
     from analysis.cli.progress import progress_of
+    from analysis.makers.writing import feedback_note, programs_of, write_programs
     from analysis.robot_programs.compensated import table_of
     from analysis.robot_programs.examine import demand_lines, demand_of
     from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
-    from analysis.robot_programs.write import feedback_note, programs_of, write_programs
     from rigs.errors import UseError
     from rigs.load import load, named_by
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.cli.console import say
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from rigs.rig import Rig
 
 
-def program_iso9283(rig: Rig, rig_file: str, maker: Maker, directory: Path, dwell_s: float) -> None:
+def program_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwell_s: float) -> None:
     """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
     from analysis.cli.progress import progress_of
     from analysis.geometry.iso_cube import cube_of
+    from analysis.makers.writing import programs_of, write_programs
     from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
     from analysis.robot_programs.planned import PERCENTS, cube_plan, path_plan
-    from analysis.robot_programs.write import programs_of, write_programs
     from rigs.load import named_by
 
     with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):

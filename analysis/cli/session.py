@@ -15,7 +15,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _MINUTES, _WAIT_MIN = 50.0, 15.0
 
 
-@command(app, "rig session cell.yaml --for ur")
+@command(app, "rig session cell.yaml --for kuka")
 def session(
     rig_file: RigArgument,
     minutes: Annotated[
@@ -38,7 +38,7 @@ def session(
         ),
     ] = "faults",
     maker: Annotated[
-        Maker | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
+        MakerName | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
     ] = None,
     directory: Annotated[
         Path | None,

@@ -8,31 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from analysis.conventions.finding import Convention, Finding
-from analysis.conventions.gauge_order import ORDER, SIGN, order_findings
+from analysis.conventions.gauge_order import ORDER, SIGN
 from analysis.conventions.gauge_sign import sign_findings
-from analysis.conventions.joints import JOINTS, cannot_tell, joint_findings
-from analysis.conventions.lost_poses import (
-    DUPLICATES,
-    WILDNESS,
-    duplicate_findings,
-    repeated_places,
-    wild_findings,
-    wild_places,
-)
-from analysis.conventions.place import (
-    PLACE,
-    SOURCE,
-    STAMPS,
-    STANDS,
-    place_findings,
-    source_findings,
-    stamp_findings,
-    stand_findings,
-)
+from analysis.conventions.joints import JOINTS, joint_findings
+from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
+from analysis.conventions.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
 from analysis.conventions.repeats import repeat_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -77,13 +61,13 @@ def check_runs(runs: Runs) -> list[Checked]:
 def findings_of(runs: Runs) -> list[Finding]:
     """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
     their places alone."""
-    with_joints, paths = _with_joints(runs), [run for run in runs if isinstance(run.table, PathTable)]
+    with_joints, paths = _with_joints(runs), [run for run in runs if run.table.kind.without_joints]
     findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
     return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
-    return [run for run in runs if not isinstance(run.table, PathTable)]
+    return [run for run in runs if not run.table.kind.without_joints]
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
@@ -93,10 +77,10 @@ def doubts_of(run: Measured) -> tuple[str, ...]:
 
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that no run can have as it is labelled."""
-    if isinstance(run.table, PathTable):
+    if run.table.kind.without_joints:
         return
-    for find in (unit_findings, source_findings):
-        for finding in find(run.table, run.rig):
+    for findings in (unit_findings(run.table, run.rig), run.table.kind.findings(SOURCE, run.table, run.rig)):
+        for finding in findings:
             if finding.strength == "impossible":
                 raise FileError(where, finding.what, finding.remedy)
 
@@ -112,6 +96,11 @@ def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs
     return find
 
 
+def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings about a convention that only some kinds of test can break."""
+    return _each(lambda table, rig: table.kind.findings(convention, table, rig))
+
+
 def _stands(runs: Runs) -> Iterator[Finding]:
     for run in runs:
         for finding in stand_findings(run):
@@ -122,7 +111,7 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
     """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
     the ball's place; the surest of each run."""
     named: set[str] = set()
-    for find in (repeat_findings, sign_findings, _each(order_findings)):
+    for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
         findings = list(find([run for run in runs if run.run.manifest.name not in named]))
         named.update(name for finding in findings for name in finding.runs)
         yield from findings
@@ -130,7 +119,7 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
 
 def _measured_places(runs: Runs) -> Iterator[Finding]:
     """What speaks against an instrument; places of an arm that was simulated are meant to be computed."""
-    yield from _each(source_findings)([run for run in runs if not run.is_simulated])
+    yield from _by_kind(SOURCE)([run for run in runs if not run.is_simulated])
 
 
 def _always(runs: Runs) -> str:
@@ -139,36 +128,31 @@ def _always(runs: Runs) -> str:
 
 
 def _joints_hidden(runs: Runs) -> str:
-    why = [cannot_tell(run.table, run.rig) for run in runs]
+    why = [run.table.kind.cannot_tell(run.table, run.rig) for run in runs]
     return "" if "" in why else next(iter(why), "")
 
 
-def _no_yaw(runs: Runs) -> str:
-    return "" if any(isinstance(run.table, CircleTable) for run in runs) else "no circle is among the runs"
+def _without(convention: str, why: str) -> Callable[[Runs], str]:
+    """Why runs show nothing where none is of a kind that can break a convention."""
+    return lambda runs: "" if any(convention in dict(run.table.kind.finders) for run in runs) else why
 
 
 def _no_pair(runs: Runs) -> str:
-    ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs if isinstance(run.table, CircleTable)}
+    ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs}
     both = any((test, "cw") in ways for test, way in ways if way == "acw")
-    if both or any(run.rig.effects or run.rig.calibrated for run in runs if not isinstance(run.table, PlaceTable)):
+    if both or any(run.rig.effects or run.rig.calibrated for run in runs if run.table.kind.gauges):
         return ""
     return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
 
 
-def _no_poses(runs: Runs) -> str:
-    return "" if any(isinstance(run.table, PoseTable) for run in runs) else "no poses are among the runs"
-
-
-def _no_targets(runs: Runs) -> str:
-    targets = any(isinstance(run.table, RadialTable | RepeatabilityTable) for run in runs)
-    return "" if targets else "no targets are among the runs"
-
-
 def _no_stops(runs: Runs) -> str:
-    imported = any(run.run.table is not None and not isinstance(run.table, CircleTable) for run in runs)
+    imported = any(run.run.table is not None and not run.table.kind.swept for run in runs)
     return "" if imported else "no imported targets or poses are among the runs"
 
 
+_no_yaw = _without(STAMPS, "no circle is among the runs")
+_no_poses = _without(SOURCE, "no poses are among the runs")
+_no_targets = _without(PLACE, "no targets are among the runs")
 CONVENTIONS = (
     Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always),
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
@@ -184,17 +168,17 @@ CONVENTIONS = (
 """Every convention, in the order in which a person reads them."""
 
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
-_OF_PATHS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (_each(wild_places), _each(repeated_places))
+_OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(unit_findings),
     _each(joint_findings),
     _gauges,
     _measured_places,
-    _each(stamp_findings),
-    _each(place_findings),
+    _by_kind(STAMPS),
+    _by_kind(PLACE),
     _stands,
-    _each(wild_findings),
-    _each(duplicate_findings),
+    _by_kind(WILDNESS),
+    _by_kind(DUPLICATES),
 )
 """What looks for findings in runs; order and sign of gauges are judged together."""
 

@@ -19,7 +19,7 @@ from analysis.geometry.ball_link import angle
 from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.traces.laps import is_on_circle
-from analysis.traces.tables import CircleTable, Table
+from analysis.traces.tables import CircleTable
 from rigs.rig import Rig
 
 ORDER, SIGN = "gauge order", "gauge sign"
@@ -38,11 +38,11 @@ _SEEN_MM, _NEGATED = 0.2, 0.25
 Chosen: an arm that errs imitates it only by chance, in size and in direction."""
 
 
-def order_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     """Whether the readings of a yaw run look as if g1 and g2 were exchanged, or as if one of them counted the other
     way, by the two eccentricities that each meaning of the columns shows."""
     circle = rig.tests.circle
-    if not isinstance(table, CircleTable) or table.test != "yaw" or circle is None or rig.gauges.g2 is None:
+    if circle is None or rig.gauges.g2 is None:
         return
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
     frame, places = frame_of(circle), forward(arm_of(rig.robot), table.q[rows])[:, :3, 3]

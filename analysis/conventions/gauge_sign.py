@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit, Strength
-from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated, order_findings
+from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated
 from analysis.conventions.repeats import GRID, gridded
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import frame_of
@@ -24,7 +24,7 @@ from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import CircleTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.scene import play
@@ -52,7 +52,7 @@ _STEP = 1e-4
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     """What speaks against the sign of the gauges of runs of one robot."""
-    gauged = [run for run in runs if not isinstance(run.table, PlaceTable | PathTable)]
+    gauged = [run for run in runs if run.table.kind.gauges]
     groups: list[list[Measured]] = []
     for run in gauged:
         group_of_run = next((group for group in groups if _same_cell(group[0], run)), None)
@@ -75,19 +75,19 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     """A run that the effects of its rig file explain only with the gauges negated."""
     model = model_of(run.rig)
     table = run.table
-    if not model.effects or isinstance(table, PlaceTable | PathTable) or not _place_known(run):
+    if not model.effects or not table.kind.gauges or table.kind.cannot_tell(table, run.rig):
         return
     as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
     if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
         return
     values = 3 * len(table.q) ** 0.5
     misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
-    name = run.run.manifest.name
+    name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
     what = (
         f"the effects of the rig file explain its readings only with the gauges counting the other way: "
         f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
     )
-    yield Finding(SIGN, "decisive", _gauges(run), "gauges negated", what, _REMEDY, misfit, (name,))
+    yield Finding(SIGN, "decisive", gauges, "gauges negated", what, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")
@@ -95,16 +95,7 @@ _EXCHANGE = "press a probe to see which is which, and exchange their columns or 
 _REMEDY = "press a probe: where its reading falls give counts: towards in the rig file, or change its column's sign"
 
 
-def _place_known(run: Measured) -> bool:
-    place = run.rig.tests.circle if isinstance(run.table, CircleTable) else run.rig.tests.hemisphere
-    return place is not None
-
-
-def _gauges(run: Measured) -> tuple[str, ...]:
-    return _COLUMNS if isinstance(run.table, CircleTable) else ("g1_mm",)
-
-
-def _left_mm(model: Model, table: CircleTable | RadialTable | RepeatabilityTable, sign: float) -> float:
+def _left_mm(model: Model, table: Table, sign: float) -> float:
     """What readings of a sign leave beside a model, rms mm, with ball and zeros fitted."""
     setup = nominal_setup(model.rig, table)
     path = path_of(model, table)
@@ -119,7 +110,7 @@ def _left_mm(model: Model, table: CircleTable | RadialTable | RepeatabilityTable
     slopes = [(at(setup.ball + step) - predicted)[screened_rows].ravel() / 0.01 for step in 0.01 * np.eye(3)]
     count = predicted.shape[1]
     zeros = [np.tile(unit, len(predicted[screened_rows])) for unit in np.eye(count)]
-    seen = sign * table.g_mm.reshape(predicted.shape)
+    seen = sign * table.kind.readings(table)
     residual = (seen - predicted)[screened_rows].ravel()
     finite = np.isfinite(residual)
     design = np.stack([*slopes, *zeros], axis=1)[finite]
@@ -198,7 +189,7 @@ _MEANT = (
 def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
     """Keep those meanings, of some that plays do not distinguish, with which mean and difference of the gauges show the
     ball in one place; all where the ball shows nothing."""
-    seen = {finding.meant for run in runs for finding in order_findings(run.table, run.rig)}
+    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
         return [meant for meant in alike if meant.columns == (1, 0)] or alike
     signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))

@@ -19,10 +19,9 @@ from itertools import combinations
 import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
-from analysis.conventions.off_path import off_path
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
-from analysis.traces.tables import CircleTable, PoseTable, Table, TouchTable
+from analysis.traces.tables import PoseTable, Table
 from rigs.rig import Rig
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
@@ -134,7 +133,7 @@ class _Judged:
     values: int
 
 
-_Verdict = tuple[_Judged | None, float, list[_Judged]]
+Verdict = tuple[_Judged | None, float, list[_Judged]]
 """The meaning that fits where the labelled one does not, None without one; what the labelled one leaves, rms mm; and
 those that fit as well as the best."""
 
@@ -144,8 +143,8 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     best, as_labelled, as_good = _judged(table, rig)
     if best is None or as_labelled < _NOTHING_MM:
         return
+    rows = table.kind.joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
-    rows = "poses fit" if isinstance(table, PoseTable) else "rows lie on the path of the test"
     what = (
         f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
         "zeros and coupling of the joints are not those of the rig file"
@@ -160,47 +159,44 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, what, remedy, misfit)
 
 
-def cannot_tell(table: Table, rig: Rig) -> str:
-    """Why a table cannot show what its joint columns mean; empty where it can."""
-    if isinstance(table, TouchTable):
-        return "a touch has no place of its own"
-    if isinstance(table, PoseTable):
-        sound = int((table.xyz_mm != 0).any(axis=1).sum())
-        return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
-    place = rig.tests.circle if isinstance(table, CircleTable) else rig.tests.hemisphere
-    return "" if place else "the rig file does not say where the test was driven"
+PLACE_UNKNOWN = "the rig file does not say where the test was driven"
 
 
-def _judged(table: Table, rig: Rig) -> _Verdict:
+def _judged(table: Table, rig: Rig) -> Verdict:
     """Which meaning of its joint columns fits a table."""
-    if cannot_tell(table, rig):
-        return None, 0.0, []
-    if not isinstance(table, PoseTable):
-        # Of a circle or of targets: which meaning puts the tool on the path that the rig file states.
-        arm = arm_of(rig.robot)
-        rows = slice(None, None, max(1, len(table.q) // _ROWS))
-        part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+    return (None, 0.0, []) if table.kind.cannot_tell(table, rig) else table.kind.judged_joints(table, rig)
 
-        def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
-            path = off_path(forward(arm, read(part.q)), part, rig)
-            return (0.0, True) if path is None else (path.off_mm, path.on)
 
-        as_labelled, is_on = off(lambda q: q)
-        if is_on:
-            return None, as_labelled, []
-        judged = [
-            _Judged(meaning, off_mm, len(part.q))
-            for meaning in meanings(arm.axes)
-            for off_mm, on in [off(meaning.of)]
-            if on
-        ]
-        return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
+def judged_by_path(table: Table, rig: Rig) -> Verdict:
+    """Which meaning of the joints puts the tool on the path that the rig file states, of a circle or of targets."""
+    arm = arm_of(rig.robot)
+    rows = slice(None, None, max(1, len(table.q) // _ROWS))
+    part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+
+    def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
+        path = part.kind.off_path(part, rig, forward(arm, read(part.q)))
+        return (0.0, True) if path is None else (path.off_mm, path.on)
+
+    as_labelled, is_on = off(lambda q: q)
+    if is_on:
+        return None, as_labelled, []
+    judged = [
+        _Judged(meaning, off_mm, len(part.q))
+        for meaning in meanings(arm.axes)
+        for off_mm, on in [off(meaning.of)]
+        if on
+    ]
+    return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
+
+
+def judged_by_poses(table: PoseTable, rig: Rig) -> Verdict:
+    """Which meaning of the joints brings an arm to the places, and with the turns, that were seen."""
     bare = without_setup(arm_of(rig.robot))
     verdict = _of_misfits(table, bare, with_turns=False)
     return verdict if verdict[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
 
 
-def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> _Verdict:
+def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> Verdict:
     few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
     as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
     screened = sorted(
@@ -214,7 +210,7 @@ def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> _Verdict:
     return _decided(judged, as_labelled, RIGHT_MM)
 
 
-def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> _Verdict:
+def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
     first, *others = sorted(judged, key=lambda judged_meaning: judged_meaning.left_mm)
     if first.left_mm > right_mm or as_labelled < CLEARLY * first.left_mm:
         return None, as_labelled, []

@@ -165,16 +165,12 @@ def far_touches(table: TouchTable, T: Array) -> Far:
     return Far(far, far_mm, by_accident(far, table.q))
 
 
-def left_out(table: PoseTable | TouchTable, out: Mask, far_mm: Array) -> str:
+def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     """Return which poses (n,) were left out, and how far (n,) mm they are from the arm."""
     rows = table.rows[out].tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
-    if isinstance(table, TouchTable):
-        what, where, check = "touches", "from its socket", "check that the ball was seated when the joints were read"
-    else:
-        what, where = "poses", "from where the arm was"
-        check = "check that the tracker had its target and that the robot stood"
+    what, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far
     if len(rows) == 1:
         return f"1 of {len(out)} {what} left out: row {shown} is {far} {where}; {check}"
     return f"{len(rows)} of {len(out)} {what} left out: rows {shown} are up to {far} {where}; {check}"
@@ -187,17 +183,17 @@ def _length(mm: float) -> str:
 WILDNESS = "wildness"
 
 
-def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
+    """Which touches lie far from all others of their socket."""
+    far = far_touches(table, forward(arm_of(rig.robot), table.q))
+    if far.wild.any():
+        what, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("socket",), "no touch", what, remedy)
+
+
+def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Which rows of poses have the place of an instrument that lost its target, or lie far from where the arm was
     (`analysis.conventions.lost_poses`)."""
-    if isinstance(table, TouchTable):
-        far = far_touches(table, forward(arm_of(rig.robot), table.q))
-        if far.wild.any():
-            what, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
-            yield Finding(WILDNESS, "likely", ("socket",), "no touch", what, remedy)
-        return
-    if not isinstance(table, PoseTable):
-        return
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())
@@ -212,10 +208,10 @@ def wild_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
 
 
-def wild_places(table: Table, rig: Rig) -> Iterator[Finding]:
+def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Which places of a path lie off the path beside them."""
     del rig
-    if isinstance(table, PathTable) and "wild" in (words := places_of(table).words):
+    if "wild" in (words := places_of(table).words):
         remedy = "check that nothing crossed the beam; an analysis leaves them out"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)
 
@@ -229,9 +225,9 @@ _SEVERAL = 3
 """So many rows with six equal angles and the same place to the last digit are no accident."""
 
 
-def duplicate_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Which rows of poses repeat the place of others."""
-    if not isinstance(table, PoseTable) or not len(table.q):
+    if not len(table.q):
         return
     lost = (table.xyz_mm == 0).all(axis=1)
     places = forward(arm_of(rig.robot), table.q)[:, :3, 3]
@@ -255,10 +251,10 @@ def duplicate_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         yield Finding(DUPLICATES, "likely", (), "rows written twice", what, "remove the copies")
 
 
-def repeated_places(table: Table, rig: Rig) -> Iterator[Finding]:
+def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Which places of a path repeat the one before though the tool went on."""
     del rig
-    if isinstance(table, PathTable) and "repeated" in (words := places_of(table).words):
+    if "repeated" in (words := places_of(table).words):
         remedy = "an analysis leaves them out; have the instrument write no place while it has none"
         yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)
 

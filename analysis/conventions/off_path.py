@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.geometry.circle import frame_of
-from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.geometry.hemisphere import hemisphere_frame
 from analysis.geometry.pose_setup import left_in_sockets
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable, PathTable, PoseTable, RadialTable, RepeatabilityTable, Table, TouchTable
-from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere
 
 _ON_PATH = 0.03
@@ -35,29 +33,8 @@ class Off:
     on: bool
 
 
-def off_path(T: Array, table: Table, rig: Rig) -> Off | None:
-    """How far tool poses (n, 4, 4) lie from the test's path; None where the path is not known."""
-    circle, hemisphere = rig.tests.circle, rig.tests.hemisphere
-    match table:
-        case PathTable():
-            return None
-        case TouchTable():
-            return _off_sockets(T, table.socket)
-        case PoseTable():
-            rows = far_rows(table.xyz_mm)
-            size = float(np.median(steps(table.xyz_mm, rows)))
-            if size <= 0:
-                return None
-            off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(table.xyz_mm, rows))))
-            return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
-        case CircleTable():
-            return _off_circle(T, circle) if circle else None
-        case RadialTable() | RepeatabilityTable():
-            return _off_targets(T[:, :3, 3], table, hemisphere) if hemisphere else None
-
-
-def _off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
-    """How far the ball is from its sockets, wherever these and the ball on the tool are."""
+def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
+    """How far the ball is from its sockets at tool poses T (n, 4, 4), wherever these and the ball on the tool are."""
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
@@ -65,8 +42,19 @@ def _off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
     return Off(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
 
 
-def _off_circle(T: Array, circle: Circle) -> Off:
-    """The tool points to the ball with its x axis along the circle's normal; turned otherwise it is off by an arc."""
+def off_places(T: Array, xyz_mm: Array) -> Off | None:
+    """How much farther or less far tool poses T (n, 4, 4) lie apart than places that were seen, xyz_mm (n, 3)."""
+    rows = far_rows(xyz_mm)
+    size = float(np.median(steps(xyz_mm, rows)))
+    if size <= 0:
+        return None
+    off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(xyz_mm, rows))))
+    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
+
+
+def off_circle(T: Array, circle: Circle) -> Off:
+    """How far tool poses T (n, 4, 4) lie from a circle. The tool points to the ball with its x axis along the circle's
+    normal; turned otherwise it is off by an arc."""
     frame = frame_of(circle)
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
@@ -78,28 +66,12 @@ def _off_circle(T: Array, circle: Circle) -> Off:
     return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
 
 
-def _off_targets(places: Array, table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Off:
-    """How far the tool was from its targets, or where their numbers are unknown from the sphere."""
-    frame = hemisphere_frame(hemisphere)
-    targets = places_of(table, hemisphere)
+def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
+    """How far tool poses T (n, 4, 4) lie from their targets (n, 3) mm, or where these are unknown from the sphere."""
+    frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
     return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
-
-
-def places_of(table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> Array | None:
-    """Where the targets (n, 3) mm of the rows lie: by the angles of the table, or those of its target's number; None
-    where the hemisphere has no target of such a number."""
-    frame = hemisphere_frame(hemisphere)
-    if isinstance(table, RadialTable):
-        polar, azimuth = table.polar, table.azimuth
-    else:
-        every = target_angles(hemisphere)
-        if table.target.min() < 1 or table.target.max() > len(every[0]):
-            return None
-        polar, azimuth = (angles[table.target - 1] for angles in every)
-    places: Array = frame.centre + frame.radius * frame.direction(polar, azimuth)
-    return places
 
 
 def far_rows(places: Array) -> int:

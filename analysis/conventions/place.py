@@ -20,14 +20,13 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joints import FEWEST, RIGHT_MM
-from analysis.conventions.off_path import places_of
 from analysis.geometry.circle import frame_of
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.kinematics.arm import Array, arm_of, forward, without_setup
 from analysis.traces.csv_tables import table_from
 from analysis.traces.loading import Measured
 from analysis.traces.single_stands import rows_a_stand
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 
 STAMPS, PLACE = "stamps", "place"
@@ -39,10 +38,10 @@ _OFF = 3.2
 """A speed within so many times of a unit's is taken as off by that unit: a circle is never driven at such a speed."""
 
 
-def stamp_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     """Whether the mean speed along the circle is off by a unit. Stamps that go back are refused where they are read."""
     circle = rig.tests.circle
-    if not isinstance(table, CircleTable) or circle is None:
+    if circle is None:
         return
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
     phi = frame_of(circle).angle(forward(arm_of(rig.robot), table.q[rows])[:, :3, 3])
@@ -61,18 +60,16 @@ def stamp_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """The first reading that the nominal arm takes elsewhere than to its target."""
-    hemisphere = rig.tests.hemisphere
-    if hemisphere is None or not isinstance(table, RadialTable | RepeatabilityTable):
-        return
-    places = places_of(table, hemisphere)
+    places = table.kind.targets(table, rig)
     if places is None:
         return
     away = np.linalg.norm(forward(arm_of(rig.robot), table.q)[:, :3, 3] - places, axis=1)
     far = away > _NEAR_MM
     if far.any():
         row = int(np.argmax(far))
+        target = table.kind.numbers_of(table)[row]
         what = (
-            f"by the nominal arm the tool was {away[row]:.0f} mm from target {table.target[row]} in row {row + 1}, and "
+            f"by the nominal arm the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
             f"further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
         )
         yield Finding(PLACE, "likely", ("target",), "another target", what, "check target, angles, joints")
@@ -84,7 +81,7 @@ STANDS = "stands"
 def stand_findings(run: Measured) -> Iterator[Finding]:
     """How many rows of an imported run were several readings of one stand."""
     manifest, table = run.run.manifest, run.run.table
-    if table is None or isinstance(run.table, CircleTable):
+    if table is None or run.table.kind.swept:
         return
     counts = rows_a_stand(table_from(table, manifest.test, manifest.direction, str(run.path)))
     several = counts[counts > 1]
@@ -112,9 +109,9 @@ _SPARE = 30
 _POSES = 150
 
 
-def source_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Whether the places of poses were computed, not measured."""
-    if not isinstance(table, PoseTable) or table.rail:
+    if table.rail:
         return
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
     if len(measured) < FEWEST:

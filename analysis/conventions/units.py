@@ -17,17 +17,17 @@ Places in a left-handed frame: a tracker's export with one axis turned round, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.conventions.off_path import far_rows, off_path, steps
+from analysis.conventions.off_path import far_rows, off_circle, steps
 from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.kinematics.limits import impossible_rad
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 
@@ -48,7 +48,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         return
     for name, reading in zip(("g1_mm", "g2_mm"), table.g_mm.T, strict=False):
         yield from too_far(name, reading, circle.radius_mm)
-    off = off_path(T, table, rig)
+    off = off_circle(T, circle)
     if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
         return
     waves = _waves(table, T, circle)
@@ -238,7 +238,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         what = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
         yield Finding(UNITS, "impossible", columns, "degrees", what, "read them as degrees")
         return
-    table = _some(table)
+    table = table.kind.thinned(table, _ROWS)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
     if _radians(table, rig, places, forward(arm, np.degrees(table.q))):
@@ -246,46 +246,28 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         what = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", what, "convert them to degrees")
         return
-    if isinstance(table, PoseTable):
-        yield from rail_findings(table, rig)
-        yield from mirror_findings(table, rig, UNITS)
-    for what, remedy in _mistakes(table, rig, places):
-        columns = tuple(name for name in what.split() if "_" in name)
-        yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)
-    if isinstance(table, RadialTable | RepeatabilityTable) and rig.tests.hemisphere:
-        yield from _unlikely(table, rig.tests.hemisphere.radius_mm)
-
-
-def _some(table: Table) -> Table:
-    """A circle of so many rows at the most; other tables are short."""
-    if not isinstance(table, CircleTable) or len(table.q) <= _ROWS:
-        return table
-    rows = slice(None, None, len(table.q) // _ROWS)
-    return CircleTable(table.test, table.direction, table.t_s[rows], table.q[rows], table.g_mm[rows])
+    yield from table.kind.unit_findings(table, rig, places)
 
 
 def _radians(table: Table, rig: Rig, as_read: Array, as_degrees: Array) -> bool:
     """Whether the robot does the test only if q, read as degrees, was in rad: tool poses (n, 4, 4) of both ways."""
     if np.abs(np.degrees(table.q)).max() > _TURN_RAD:
         return False
-    wrong, right = off_path(as_read, table, rig), off_path(as_degrees, table, rig)
+    wrong, right = (table.kind.off_path(table, rig, T) for T in (as_read, as_degrees))
     return right is not None and wrong is not None and right.on and not wrong.on and wrong.off > _CLEARLY * right.off
 
 
-def _mistakes(table: Table, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
-    """What is wrong for certain, and what to do, surest first."""
-    match table:
-        case CircleTable():
-            yield from circle_gauges(table, rig, T)
-        case PoseTable():
-            yield from tracker(table, T)
-        case RadialTable() | RepeatabilityTable():
-            if rig.tests.hemisphere:
-                yield from too_far("g1_mm", table.g_mm, rig.tests.hemisphere.radius_mm)
+def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
+    """What is wrong for certain, and what to do, as findings."""
+    for what, remedy in mistakes:
+        columns = tuple(name for name in what.split() if "_" in name)
+        yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)
 
 
-def _unlikely(table: RadialTable | RepeatabilityTable, radius_mm: float) -> Iterator[Finding]:
-    travel = float(np.ptp(table.g_mm))
+def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
+    """What speaks against the unit of a gauge that was read, g_mm (n,), at targets of a hemisphere."""
+    yield from impossible(too_far("g1_mm", g_mm, radius_mm))
+    travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:
         what = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
         yield Finding(UNITS, "likely", ("g1_mm",), "another unit", what, "check its unit")

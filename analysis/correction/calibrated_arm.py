@@ -16,6 +16,7 @@ from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_
 from analysis.correction.support import supports
 from analysis.correction.work import left_out_mm, tool_poses
 from analysis.kinematics.arm import Array, Mask, arm_of
+from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
@@ -23,7 +24,7 @@ from analysis.model.predict import Model, model_of
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import FEWEST_AXES
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
 """Postures from which an arm without a list of branches is tried, beside the one near which it is asked for. Measured:
@@ -31,6 +32,8 @@ of 100 random postures of an FR3, an iiwa 14 and a WAM 128 reach all within the 
 reach 70, 94 and 91; 65 to 165 ms a pose."""
 _ORTHONORMAL = 1e-6
 """How far the rows of a rotation may be from unit vectors at right angles: rounding of ten digits, and no mistake."""
+_UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
+"""Degrees below which a turn is rounding, and decimals of rad to which turns and postures are alike."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,14 @@ class ArmPoses:
 @dataclass(frozen=True)
 class ArmAngles:
     """Joint angles of poses. q_deg (n, axes): NaN where there are none within the limits. reached (n,): where there
-    are. u_mm, covered: as of ArmPoses, at these angles."""
+    are. u_mm, covered: as of ArmPoses, at these angles. turned_deg (n,): by how much the tool is turned from what was
+    asked, which an arm of fewer than six axes cannot always take; 0 with six."""
 
     q_deg: Array
     reached: Mask
     u_mm: Array
     covered: Mask | None
+    turned_deg: Array
 
 
 @dataclass(frozen=True)
@@ -72,21 +77,22 @@ class CalibratedArm:
         """Return joint angles that put the tool of the calibrated arm at poses T (n, 4, 4), lengths in mm.
 
         Of several postures the one nearest to near_deg (axes,) is taken, or the middle of the limits; each pose after
-        the first is solved near the one before. Arms of seven axes keep as near to it as the pose allows. Raises
-        FileError for frames that are none, and for an arm of fewer than six axes, which has no pose of its own choice.
+        the first is solved near the one before. Arms of seven axes keep as near to it as the pose allows. Those of
+        fewer than six take the place, with the turn that is nearest to what was asked. Raises FileError for frames that
+        are none.
         """
-        poses = self._frames(T)
+        poses = _frames(T)
         start = np.radians(np.array(near_deg, dtype=float)) if near_deg is not None else self._middle
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
+        solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
-            for seed in self._seeds(pose, start):
-                angles, there = reached_angles(self._model, pose[None], seed[None])
-                if there[0] and self._allowed(angles[0]):
-                    q[row], reached[row], start = angles[0], True, angles[0]
-                    break
+            if (angles := solved(pose, start)) is not None:
+                q[row], reached[row], start = angles, True, angles
         u_mm, inside = np.full(len(poses), np.nan), covered(self._known, q)
         u_mm[reached] = self._u_mm(q[reached])
-        return ArmAngles(np.degrees(q), reached, u_mm, inside)
+        turned = np.full(len(poses), np.nan)
+        turned[reached] = np.degrees(turned_rad(tool_poses(self._model, q[reached]), poses[reached]))
+        return ArmAngles(np.degrees(q), reached, u_mm, inside, np.where(turned < _UNTURNED_DEG, 0.0, turned))
 
     @cached_property
     def _model(self) -> Model:
@@ -128,39 +134,59 @@ class CalibratedArm:
             raise FileError("q_deg", what, "give a row for each posture")
         return angles
 
-    def _frames(self, T: Array) -> Array:
-        """Poses, checked. Raises FileError."""
-        if self._axes < FEWEST_AXES:
-            what = f"an arm of {self._axes} axes reaches no pose of anybody's choice"
-            raise FileError(self.rig.name, what, "ask for the place at joint angles (forward), and search among them")
-        poses = np.array(T, dtype=float)
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
-            raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
-        R = poses[:, :3, :3]
-        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
-        if (
-            off > _ORTHONORMAL
-            or (np.linalg.det(R) < 0).any()
-            or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0
-        ):
-            what = "holds a frame whose columns are not at right angles, right-handed and of length 1"
-            raise FileError("T", what, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
-        return poses
+    def _solved(self, pose: Array, near: Array) -> Array | None:
+        """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""
+        for seed in self._seeds(pose, near):
+            angles, there = reached_angles(self._model, pose[None], seed[None])
+            if there[0] and self._allowed(angles[0]):
+                return np.asarray(angles[0])
+        return None
+
+    def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
+        """Those of an arm of fewer axes at the place of a pose (4, 4), the least turned; of turns that are alike those
+        near others."""
+        starts = self._starts(near)
+        nominal, solved = nearest(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
+        seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
+        poses = np.repeat(pose[None], len(seeds), axis=0)
+        angles, solved = reached_angles(self._model, poses, seeds)
+        kept = angles[[solved[k] and self._allowed(angles[k]) for k in range(len(angles))]]
+        turned = turned_rad(tool_poses(self._model, kept), poses[: len(kept)]).round(_UNTURNED_DIGITS)
+        order = np.lexsort((np.abs(kept - near).max(axis=1), turned))
+        return np.asarray(kept[order[0]]) if len(kept) else None
+
+    def _starts(self, near: Array) -> Array:
+        """Postures (n, axes) rad from which a pose is looked for: those near which it is asked for, and drawn ones."""
+        low, high = self._model.arm.limits.T
+        return np.vstack([near, np.random.default_rng(0).uniform(low, high, (_SEEDS, self._axes))])
 
     def _seeds(self, pose: Array, near: Array) -> list[Array]:
         """Postures (axes,) rad of the nominal arm from which to look for a pose (4, 4), the nearest first."""
         arm = self._model.arm
-        if self._axes == FEWEST_AXES:
+        if self._axes == DRIVEN_AXES:
             found = inverse(arm, pose[None])
             branches = found.q[0][found.found[0]]
             allowed = within_limits(arm, branches)[0] if len(branches) else branches
             return sorted(allowed, key=lambda one: float(np.abs(one - near).max())) or [near]
-        drawn = np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (_SEEDS, self._axes))
-        starts = np.vstack([near, drawn])
-        angles, there = newton(arm, np.repeat(pose[None], len(starts), axis=0), starts)
+        starts = self._starts(near)
+        poses = np.repeat(pose[None], len(starts), axis=0)
+        angles, there = newton(arm, poses, starts)
         return [one for one, good in zip(angles, there, strict=True) if good and self._allowed(one)]
 
     def _allowed(self, q: Array) -> bool:
         """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
+
+
+def _frames(T: Array) -> Array:
+    """Poses, checked. Raises FileError."""
+    poses = np.array(T, dtype=float)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
+        raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
+    R = poses[:, :3, :3]
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+    if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0:
+        what = "holds a frame whose columns are not at right angles, right-handed and of length 1"
+        raise FileError("T", what, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
+    return poses

@@ -19,12 +19,12 @@ tool. The error of the tool at the postures of the work, place and turn together
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.correction.controllers import CONTROLLERS, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.pose_uncertainty import displacements, frame_u_mm, pose_uncertainty, position_u_mm
 from analysis.correction.support import Support
@@ -41,11 +41,12 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.kinematics.arm import Array, Mask, pose_error
+from analysis.makers import CHECK_LENGTH, Controller, maker_by
 from analysis.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 _LEVER_MM = 100.0
 """Shortest lever by which a turn of the tool counts. Chosen: about half a hand's width beyond a flange."""
@@ -221,7 +222,7 @@ class ControllerEntries:
     is known.
     """
 
-    name: Maker
+    name: MakerName
     controller: Controller
     entries: tuple[Entry, ...]
     effects: tuple[Effect, ...]
@@ -246,14 +247,14 @@ class ControllerEntries:
 
 
 def controller_entries(
-    rig: Rig, supported: Sequence[Support], name: Maker, scale: Sequence[float] | None = None
+    rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
     """Return the changes at a controller that hold most of a rig's model.
 
     `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises UseError for a scale that the
     controller has no use for.
     """
-    controller = CONTROLLERS[name]
+    controller = maker_by(name).controller
     if scale and not controller.scale:
         raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
     used, uncorrected, uncertainty = (
@@ -268,7 +269,7 @@ def controller_entries(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
     )
     entries = [_entry(rig, controller, scale, *size) for size in sizes]
-    lengths = (controller.check_lengths,) if any(entry.now is not None for entry in entries) else ()
+    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
     left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
     u_mm = frame_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)
@@ -326,23 +327,45 @@ def _coupled_axes(rig: Rig) -> set[int]:
 
 
 def _entry(
-    rig: Rig, controller: Controller, scale: Sequence[float] | None, one: Constant, value: float, u: float, worth: float
+    rig: Rig,
+    controller: Controller,
+    scale: Sequence[float] | None,
+    constant: Constant,
+    value: float,
+    u: float,
+    worth_um: float,
 ) -> Entry:
     """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
     reading_deg, now = 0.0, None
-    if one.key != "q_deg":
-        parameter = next(each for each in controller.constants if each.key == one.key and one.axis in each.axes)
-        name, unit, per_unit = parameter.of(one.axis), parameter.unit, parameter.per_unit
+    if constant.key != "q_deg":
+        parameter = next(
+            each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
+        )
+        name, unit, per_unit = parameter.of(constant.axis), parameter.unit, parameter.per_unit
         if parameter.by_size:
-            nominal = float(getattr(rig.robot.axes[one.axis - 1], one.key))
+            nominal = float(getattr(rig.robot.axes[constant.axis - 1], constant.key))
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
-        name, unit, per_unit = controller.zero.format(axis=one.axis), controller.unit, controller.per_deg
-        if controller.scale and scale and one.axis not in _coupled_axes(rig):
-            per_unit *= scale[one.axis - 1]
+        name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
+        if controller.scale and scale and constant.axis not in _coupled_axes(rig):
+            per_unit *= scale[constant.axis - 1]
         elif controller.scale:
-            name, unit, per_unit = f"reading of axis {one.axis}", "deg", 1.0
+            name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0
         # A robot whose model is changed, and not its zero, reads what it read before.
         reading_deg = value if controller.changes_reading else 0.0
-    leaves_um = worth * u / abs(value) if worth > 1e3 * _NO_MOVE_MM else 0.0
-    return Entry(one.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth, leaves_um)
+    leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
+    return Entry(constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+
+
+def scale_of(text: str | None) -> tuple[float, ...] | None:
+    """Return the scale of each axis (6,) from a comma-separated list, or None for none. Raises UseError for anything
+    but six numbers other than zero."""
+    if text is None:
+        return None
+    try:
+        scale = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        scale = ()
+    if len(scale) != 6 or not all(math.isfinite(number) and number for number in scale):
+        raise UseError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
+    return scale

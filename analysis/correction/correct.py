@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
-from analysis.correction.support import Support, supports
+from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
     base_u_um,
@@ -30,7 +29,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import FEWEST_AXES, Maker
+from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
 
@@ -79,7 +78,7 @@ class Corrections:
 def correct_rig(
     rig: Rig,
     path: Path | None,
-    controller: Maker | None = None,
+    controller: MakerName | None = None,
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,
@@ -96,7 +95,7 @@ def correct_rig(
             "has no effects to correct",
             "diagnose or calibrate it, and give the rig file written",
         )
-    if len(rig.robot.axes) > FEWEST_AXES and (controller or programs.paths):
+    if len(rig.robot.axes) != DRIVEN_AXES and (controller or programs.paths):
         what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
         raise UseError("--for, --program", what, "give joint targets with --path")
     if rig.robot.rail and (controller or programs.paths):
@@ -144,8 +143,10 @@ def _targets(
     if rig.robot.rail and not read.joints:
         what = "has poses without joint angles, which leave free where the rail stands"
         raise FileError(str(path), what, f"give q1_deg … q{axes}_deg and e1_mm")
-    if axes > FEWEST_AXES and not read.joints:
-        what = f"has poses, which leave the elbow of an arm of {axes} axes free"
+    if axes != DRIVEN_AXES and not read.joints:
+        free = f"leave the elbow of an arm of {axes} axes free"
+        few = f"an arm of {axes} axes reaches in part: it turns the tool in {axes - 3} ways where it stands"
+        what = f"has poses, which {free if axes > DRIVEN_AXES else few}"
         raise FileError(str(path), what, f"give joint angles q1_deg … q{axes}_deg")
     hold_uncorrected(read, str(path))
     q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())

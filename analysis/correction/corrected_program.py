@@ -8,17 +8,17 @@ one. The controller is assumed to compute with the nominal arm. Nothing is sent 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from analysis.correction.corrected_targets import corrected
-from analysis.correction.programs.dialects import Dialect, as_bytes, read_program
-from analysis.correction.programs.frames import NO_FRAMES, Frames
-from analysis.correction.programs.machine import Unknown
-from analysis.correction.programs.numbers import (
+from analysis.correction.support import Support
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error, transform
+from analysis.makers.machine import Unknown
+from analysis.makers.numbers import (
     frame_numbers,
     frame_of,
     is_frame,
@@ -27,18 +27,35 @@ from analysis.correction.programs.numbers import (
     replaced,
     written,
 )
-from analysis.correction.programs.postures import agreeing, solved
-from analysis.correction.programs.target import Left, Named, Number, Parsed, Reason, Target, Texts
-from analysis.correction.support import Support
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error
-from rigs.errors import FileError
+from analysis.makers.postures import agreeing, solved
+from analysis.makers.reading import ProgramReader, as_bytes, read_program
+from analysis.makers.target import Left, Named, Number, Parsed, Reason, Target, Texts
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
 farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
 singularity."""
+
+
+_HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_FARTHEST_MM = 1e6
+"""A frame farther away than a kilometre is a typing error."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames (4, 4) in mm by their names, in lower case: tools from the flange, user frames from the robot's base."""
+
+    tools: Mapping[str, Array]
+    frames: Mapping[str, Array]
+
+
+NO_FRAMES = Frames({}, {})
+"""Nothing stated: what a program only names is not known."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +83,7 @@ class CorrectedProgram:
     """
 
     path: Path
-    maker: Maker
+    maker: MakerName
     files: dict[str, bytes]
     names: tuple[str, ...]
     places: tuple[tuple[int, int], ...]
@@ -93,11 +110,12 @@ def correct_program(
 ) -> CorrectedProgram:
     """Return a program with the targets that can be corrected for the effects of a rig; with `whole` it is held where
     any that a move uses cannot. Raises FileError for a file that is no program."""
-    dialect, texts = read_program(path)
-    parsed = dialect.parse(texts)
+    maker, texts = read_program(path)
+    reader = maker.reader
+    parsed = reader.parse(texts)
     arm, targets = arm_of(rig.robot), parsed.targets
     reasons: dict[int, Reason] = {}
-    located = [_located(arm, dialect, frames, target) for target in targets]
+    located = [_located(arm, reader, frames, target) for target in targets]
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
         place = _given(target, located[k], scale)
@@ -123,9 +141,9 @@ def correct_program(
         if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
             value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
             file = targets[k].file
-            changes[file] += _changes(dialect, old[file], targets[k], value, scale)
+            changes[file] += _changes(reader, old[file], targets[k], value, scale)
     new = tuple(map(replaced, old, changes))
-    after = _read_back(dialect, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
+    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
     left = [
         Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
         for k, why in reasons.items()
@@ -134,7 +152,7 @@ def correct_program(
     everything = tuple(sorted([*parsed.left, *left], key=lambda target: (target.file, target.line)))
     return CorrectedProgram(
         path,
-        dialect.maker,
+        maker.name,
         dict(zip(texts.names, map(as_bytes, new), strict=False)),
         tuple(targets[k].name for k in kept),
         tuple((targets[k].file, targets[k].line) for k in kept),
@@ -209,28 +227,19 @@ class _Located:
     reason: Reason | None = None
 
 
-def _located(arm: Arm, dialect: Dialect, frames: Frames, target: Target) -> _Located:
-    tool, frame = (
-        _known(place, named, null)
-        for place, named, null in (
-            (target.tool, frames.tools, dialect.null_tools),
-            (target.frame, frames.frames, () if _hangs(arm, dialect) else dialect.null_frames),
-        )
-    )
+def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
+    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of its foot
+    tool = _known(target.tool, frames.tools, reader.null_tools)
+    frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
     if frame is None or tool is None:
         return _Located(np.eye(4), np.eye(4), "unknown_tool" if tool is None else "unknown_frame")
     return _Located(tool, frame)
 
 
-def _hangs(arm: Arm, dialect: Dialect) -> bool:
-    """Whether KUKA's $WORLD cannot be the frame of the robot's foot."""
-    return dialect.maker == "kuka" and bool(arm.T_world_base[2, 2] < 1 - 1e-6)
-
-
-def _known(place: Array | str, named: object, null: tuple[str, ...]) -> Array | None:
+def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]) -> Array | None:
     if not isinstance(place, str):
         return place
-    stated: Array | None = named.get(place.lower())  # type: ignore[attr-defined]
+    stated = named.get(place.lower())
     return np.eye(4) if stated is None and place in null else stated
 
 
@@ -319,21 +328,21 @@ def _off_sign(arm: Arm, q: Array, target: Target) -> float:
 
 
 def _changes(
-    dialect: Dialect, text: str, target: Target, new: Array, scale: Sequence[float] | None
+    reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
 ) -> list[tuple[Number, str]]:
     """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
     if target.joints:
-        values, decimals = joint_numbers(target.form, new, scale), [dialect.decimals.turn] * 6
+        values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
     else:
         values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
-        decimals = [dialect.decimals.place] * 3 + [dialect.decimals.turn] * (len(values) - 3)
+        decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(values) - 3)
     three = zip(target.numbers, values.tolist(), decimals, strict=True)
     return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
 
 
-def _read_back(dialect: Dialect, before: Parsed, texts: Texts) -> Parsed:
+def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
     """Return the targets of the new texts: the same ones, or the program is not handed out."""
-    after = dialect.parse(texts)
+    after = reader.parse(texts)
 
     def others(parsed: Parsed) -> tuple[object, ...]:
         return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
@@ -351,3 +360,27 @@ def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] 
     else:
         written_pose = _in_world(arm, located, frame_of(target.form, [number.value for number in target.numbers]))
     return float(np.linalg.norm(written_pose[:3, 3] - meant[:3, 3])) * 1e3
+
+
+def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
+    """Return the frames of texts "name=x,y,z,rx,ry,rz"; a tool can be "name=rig", the tool of the rig file, and either
+    "name=0". Raises UseError for anything else."""
+    tool_frames = dict(_named("--tool", text, transform(robot.tool)) for text in tools)
+    return Frames(tool_frames, dict(_named("--frame", text, None) for text in frames))
+
+
+def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
+    name, equals, values = (part.strip() for part in text.partition("="))
+    if not equals or not name:
+        raise UseError(f"{option} {text}", "is not NAME=…", _HOW)
+    if values == "rig" and of_rig is not None:
+        return name.lower(), of_rig
+    if values == "0":
+        return name.lower(), np.eye(4)
+    try:
+        numbers = [float(value) for value in values.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6 or not all(abs(value) < _FARTHEST_MM for value in numbers):
+        raise UseError(f"{option} {text}", "is not six numbers", _HOW)
+    return name.lower(), transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))

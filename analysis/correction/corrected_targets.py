@@ -19,17 +19,19 @@ from analysis.correction.pose_uncertainty import (
     pose_uncertainty,
     position_u_mm,
 )
-from analysis.correction.programs.target import Reason
 from analysis.correction.support import Support
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
+from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
+from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 _ROUNDS = 20
 """Largest number of rounds. Chosen: each reduces the error about a thousandfold, so two or three are usual."""
@@ -111,7 +113,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         spread(np.hypot(position_u_mm(uncertainty, at), stays_mm)),
         spread(np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm)),
         marks,
-        tuple(_doubts(rig, uncertainty, at)),
+        (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
         tuple(skipped),
     )
@@ -140,8 +142,11 @@ def corrected_angles(
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
-    """Return the angles (n, 6) rad, from q (n, 6) rad on, at which the tool of a model stands at poses `wanted`
-    (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q."""
+    """Return the angles (n, axes) rad, from q (n, axes) rad on, at which the tool of a model stands at poses `wanted`
+    (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q. With fewer than
+    six axes the tool is at the place, turned as nearly as it can."""
+    if model.arm.axes < DRIVEN_AXES:
+        return nearest(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
     command, angles, reached_wanted = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
     rows = np.arange(len(q))
     for _ in range(_ROUNDS):
@@ -202,6 +207,19 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
+
+
+def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
+    """Return in words by how much the tool stays turned where an arm of few axes, corrected to angles `at` (n, axes)
+    rad, takes the places of q (n, axes) rad: it has no axis for the rest."""
+    if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
+        return []
+    really = tool_poses(model_of(rig, used_effects(rig, supported)), at)
+    most_deg = float(np.degrees(turned_rad(really, forward(arm_of(rig.robot), q)).max()))
+    return [
+        f"an arm of {axes} axes turns its tool in {axes - 3} ways where it stands: each place is corrected, and the "
+        f"tool stays turned by up to {most_deg:.2g}°"
+    ]
 
 
 def _beyond_rail(rig: Rig, q: Array) -> list[NotCorrected]:

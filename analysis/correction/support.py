@@ -1,12 +1,16 @@
-"""Which effects of a rig file can be corrected, and the reason for each that cannot.
+"""Which effects of a rig file can be corrected, the reason for each that cannot, and corrected joint zeros and link
+constants.
 
 A target can compensate what depends on the posture alone. No target can compensate what depends on the direction from
 which a joint came, on time, or on the instruments. An effect that is not significantly different from zero is not
-corrected.
+corrected. Several effects on one constant (a second diagnosis adds to the first) are summed, and their uncertainties
+are added in quadrature.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rigs.effects import Effect, size_field
@@ -63,3 +67,57 @@ def _why_not(effect: Effect, value: float, u: float) -> str:
         return "was found without an uncertainty: calibrate it"
     small = u >= abs(value) and not effect.found.together
     return "is no larger than its uncertainty: it may as well be zero" if small else ""
+
+
+CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
+"""Columns of a table of constants, named as in the rig file."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One number to change: the axis from 1, the key as in the rig file, in mm or degrees, and the change `delta` with
+    its standard uncertainty `u`."""
+
+    axis: int
+    key: str
+    nominal: float
+    delta: float
+    u: float
+
+    @property
+    def corrected(self) -> float:
+        """The corrected value."""
+        return self.nominal + self.delta
+
+
+def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
+    """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
+    return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
+
+
+def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
+    """Return the changes of the arm's constants from those in the rig file."""
+    return _summed(supported, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
+
+
+def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
+    """Return the table of constants, a row for each axis, with the corrections included; joint zeros are not."""
+    changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
+    rows: list[dict[str, float | int | str]] = []
+    for k, axis in enumerate(rig.robot.axes, start=1):
+        constants = {key: round(changed.get((k, key), getattr(axis, key)), 9) for key in CONSTANTS}
+        rows.append({"axis": k, "name": axis.name, **constants})
+    return rows
+
+
+def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
+    """Return the corrections of one use, by axis and key."""
+    places: dict[tuple[int, str], list[Support]] = {}
+    for support in supported:
+        if support.use == use and (place := support.effect.compensation().constant):
+            places.setdefault(place, []).append(support)
+    made = []
+    for (axis, key), of_place in sorted(places.items(), key=lambda item: item[0]):
+        delta, u = math.fsum(support.value for support in of_place), math.hypot(*(support.u for support in of_place))
+        made.append(Correction(axis, key, float(nominal[axis][key]), delta, u))
+    return made

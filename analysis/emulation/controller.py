@@ -2,87 +2,26 @@
 
 A controller reads each joint by a zero of its own, and computes poses by constants of its own. Both begin as the rig
 file has them; entered corrections change them, so that the same program leads elsewhere. Names and units are those of
-the makers, and how a reading follows from them is written here from the maker's formula, apart from the code that
-writes corrections:
-
-- KUKA masters an axis so that it reads $MAMES at its notch.
-- FANUC and Yaskawa read (count - count at zero) / counts per degree, ABB (motor angle - offset) / gear ratio.
-- Universal Robots adds delta_theta, delta_a, delta_d and delta_alpha to its constants, and reads what it read.
+the makers, and each maker's driver says how a reading follows from them.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.makers import maker_by
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
-COUNTS_PER_DEG = 3000.0
-"""Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""
-GEAR_RATIO = 100.0
-"""An axis of an emulated arm turns by a degree while its motor turns by so many. Chosen."""
 _SAME_SIZE = 1e-3
 """A length that stands at the controller is the one that is meant within so many mm: it is written with six digits."""
-_Field = Literal["reading", "offset", "a", "d", "alpha"]
-
-
-@dataclass(frozen=True)
-class _Parameter:
-    """A parameter by its name at the controller; {axis} is the number of a joint, from 1. field: what of the arm it
-    changes, by `factor` mm or rad for each unit; later: by how many axes the rig file has it later; axis: from 1, where
-    the name has none; grows: the length grows, whichever its sign."""
-
-    name: str
-    unit: str
-    field: _Field
-    factor: float
-    later: int = 0
-    axis: int = 0
-    grows: bool = False
-
-    def axis_of(self, name: str) -> int | None:
-        """Return the axis of the rig file, from 1, where this is its name."""
-        match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
-        return (self.axis or int(match[1]) + self.later) if match else None
-
-
-_READING = _Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
-"""For a person who has no counts per degree: the reading is set by whatever the maker's menus offer."""
-_PARAMETERS: dict[Maker, tuple[_Parameter, ...]] = {
-    "ur": (
-        _Parameter("delta_theta[{axis}]", "rad", "offset", 1.0),
-        _Parameter("delta_a[{axis}]", "m", "a", 1e3, later=1),
-        _Parameter("delta_alpha[{axis}]", "rad", "alpha", 1.0, later=1),
-        _Parameter("delta_d[{axis}]", "m", "d", 1e3),
-    ),
-    "fanuc": (
-        _READING,
-        _Parameter("$DMR_GRP[1].$MASTER_COUN[{axis}]", "counts", "reading", -math.radians(1) / COUNTS_PER_DEG),
-        _Parameter("$PARAM_GROUP[1].$DH_A[{axis}]", "mm", "a", 1.0, later=1, grows=True),
-        _Parameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
-    ),
-    "kuka": (
-        _Parameter("$MAMES[{axis}]", "deg", "reading", math.radians(1)),
-        _Parameter("$LENGTH_A", "mm", "a", 1.0, axis=2, grows=True),
-        _Parameter("$LENGTH_B", "mm", "a", 1.0, axis=3, grows=True),
-        _Parameter("height in $TX3P3", "mm", "a", 1.0, axis=4, grows=True),
-        _Parameter("length in $TX3P3", "mm", "d", 1.0, axis=4, grows=True),
-        _Parameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
-    ),
-    "abb": (_READING, _Parameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
-    "yaskawa": (
-        _READING,
-        _Parameter("home position (ABSO data) of axis {axis}", "pulses", "reading", -math.radians(1) / COUNTS_PER_DEG),
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -90,12 +29,12 @@ class Controller:
     """A controller as it stands: arm, as it computes poses; reads_more (6,) rad: by how much each joint reads more than
     the joint of the arm that left the factory did at the same place."""
 
-    maker: Maker
+    maker: MakerName
     arm: Arm
     reads_more: Array
 
     @classmethod
-    def of_rig(cls, rig: Rig, maker: Maker) -> Controller:
+    def of_rig(cls, rig: Rig, maker: MakerName) -> Controller:
         """Return the controller of a rig's arm with nothing entered: it knows none of the effects."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
@@ -127,7 +66,9 @@ class Controller:
     def _with(self, entry: Any, before: Controller, where: str) -> Controller:
         name, add, unit, now = (entry.get(key) if isinstance(entry, Mapping) else None for key in _KEYS)
         candidates = [
-            (candidate, axis) for candidate in _PARAMETERS[self.maker] if (axis := candidate.axis_of(str(name)))
+            (candidate, axis)
+            for candidate in maker_by(self.maker).driver.parameters
+            if (axis := candidate.axis_of(str(name)))
         ]
         if not candidates or candidates[0][1] > 6:
             problem = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"

@@ -15,7 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.emulation.controller import Controller
-from analysis.emulation.machine import (
+from analysis.kinematics.arm import Arm, Array, forward
+from analysis.kinematics.follow import follow
+from analysis.kinematics.inverse import inverse
+from analysis.kinematics.limits import within_limits
+from analysis.makers.emulated import (
     Event,
     Held,
     Pose,
@@ -29,10 +33,6 @@ from analysis.emulation.machine import (
     Switched,
     Waited,
 )
-from analysis.kinematics.arm import Arm, Array, forward
-from analysis.kinematics.follow import follow
-from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
 """The longest steps between two poses: on a circle of 70 mm the joints, straight between them, leave it by 0.03 µm, on

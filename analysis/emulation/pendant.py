@@ -3,107 +3,60 @@
 The controller commands joint angles by its own model of the arm; the arm with its hidden effects goes where it really
 goes, and the gauges read the true ball distance there.
 
-A program is found by its name, its language is known by the suffix of its file, and a machine runs it.
+A program is found by its name, its maker is known by the suffix of its file, whose driver runs it on a machine.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.emulation import fanuc_tp, inform, krl, rapid, urscript
 from analysis.emulation.controller import Controller
 from analysis.emulation.driving import Driven, drive
-from analysis.emulation.machine import Machine, Pose, ProgramError
 from analysis.kinematics.arm import Array, arm_of
+from analysis.makers import maker_by, maker_of_file
+from analysis.makers.emulated import Machine, Pose, ProgramError
+from analysis.makers.reading import MOST_BYTES, program_texts
 from analysis.simulation.emulated_robot import Trace, trace_along
 from rigs.errors import FileError
-from rigs.files import read_bytes, read_text
+from rigs.files import read_text
 from rigs.rig import Rig
-from rigs.schema.feedback import URRTDE
-from rigs.schema.vocabulary import CIRCLES, MAKERS, DrivenTest, Maker, maker_of
+from rigs.schema.feedback import signal_of_outputs
+from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, makers
 from rigs.yaml_text import read_yaml
 
-_MAKERS: dict[str, Maker] = {
-    ".script": "ur",
-    ".urscript": "ur",
-    ".ls": "fanuc",
-    ".src": "kuka",
-    ".mod": "abb",
-    ".jbi": "yaskawa",
-}
-"""The makers by the suffix of the file that has the motion."""
-_MOST_BYTES = 10_000_000
-"""A program with a hundred thousand targets is below it; controllers hold less."""
 _SHORTEST = 8
 """A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
 
 
-@dataclass(frozen=True)
-class ProgramFiles:
-    """A program: the file with its motion, the controller's maker, and the texts of its files by name."""
-
-    path: Path
-    maker: Maker
-    texts: Mapping[str, str]
-
-
-def find_program(directory: Path, name: str) -> ProgramFiles:
-    """Return a program by the name of its file, with or without suffix, by the name that `rig program` prints, or by a
-    path. Raises FileError where there is none, several, or one that cannot be read."""
-    path = _path_of(directory, name.strip())
-    maker = _MAKERS[path.suffix.lower()]
-    texts = {path.name: _text(path)}
-    if maker == "kuka":
-        data_files = [path.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
-        texts |= {data.name: _text(data) for data in data_files[:1] if data.exists()} or {
-            data.name: _text(data) for data in data_files[1:] if data.exists()
-        }
-    return ProgramFiles(path, maker, texts)
-
-
-def interpret(maker: Maker, texts: Mapping[str, str], machine: Machine) -> None:
+def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
     """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
     refused."""
-    name = next(name for name in texts if Path(name).suffix.lower() in _MAKERS)
+    maker = maker_by(name)
+    text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
+    data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]
     try:
-        match maker:
-            case "ur":
-                urscript.run(texts[name], machine)
-            case "fanuc":
-                fanuc_tp.run(texts[name], machine)
-            case "kuka":
-                krl.run(texts[name], _data_list(texts), machine)
-            case "abb":
-                rapid.run(texts[name], machine)
-            case "yaskawa":
-                inform.run(texts[name], machine)
+        maker.driver.run(text, data[0] if data else "", machine)
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise ProgramError(f"it is not understood ({type(error).__name__}: {error})") from error
 
 
-def _data_list(texts: Mapping[str, str]) -> str:
-    data_lists = [text for name, text in texts.items() if name.lower().endswith(".dat")]
-    if not data_lists:
-        raise ProgramError("its data list, the .dat beside it, is missing")
-    return data_lists[0]
-
-
 def _path_of(directory: Path, name: str) -> Path:
+    """Return the file of a program by its name, with or without suffix, by the name that `rig program` prints, or by a
+    path. Raises FileError where there is none, or several."""
     named = Path(name)
-    if named.parent != Path() and named.suffix.lower() in _MAKERS:
+    if named.parent != Path() and maker_of_file(named):
         return named
     try:
-        files = sorted(path for path in directory.iterdir() if path.suffix.lower() in _MAKERS)
+        files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
-    plain_name = _plain(named.stem if named.suffix.lower() in _MAKERS else name)
+    plain_name = _plain(named.stem if maker_of_file(named) else name)
     matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
     # A controller's longest name cuts that of the program.
     matching = matching or [
@@ -125,16 +78,9 @@ def _plain(name: str) -> str:
 
 
 def _names(path: Path) -> tuple[str, ...]:
-    """The names of a program; the module of an ABB has two characters more than its procedure."""
-    name = _plain(path.stem)
-    return (name, name.removesuffix("_m")) if path.suffix.lower() == ".mod" else (name,)
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_bytes(path, _MOST_BYTES).decode("latin-1")
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    """The names of a program, that of its file and what this says of the program's."""
+    name, maker = _plain(path.stem), maker_of_file(path)
+    return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
 
 
 _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
@@ -143,7 +89,7 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 class Pendant:
     """A controller that drives the programs of a directory with the arm of a rig, whose effects it does not know."""
 
-    def __init__(self, rig: Rig, programs: Path, maker: Maker | None = None) -> None:
+    def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
         self.controller: Controller | None = None
@@ -152,13 +98,13 @@ class Pendant:
     def trace(self, name: str) -> Trace:
         """Return what the robot does in a program, by the name of its file or of the program, and what its gauges read.
         Raises FileError for a program that is not there, cannot be read or cannot be driven."""
-        files = find_program(self._programs, name)
-        controller = self._of(files.maker, str(files.path))
-        test = _test_of(files.path)
+        path = _path_of(self._programs, name.strip())
+        maker, texts = program_texts(path)
+        controller, test = self._of(maker.name, str(path)), _test_of(path)
         try:
-            driven = self._driven(files, controller, test)
+            driven = self._driven(path, texts, controller, test)
         except ProgramError as error:
-            raise FileError(str(files.path), f"the controller refuses it: {error}", "correct the program") from None
+            raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
         g_mm, shown = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more), self._signals(driven)
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=shown, holds_s=driven.holds_s)
 
@@ -167,16 +113,16 @@ class Pendant:
         arm then reads more, (6,) rad. Raises FileError for a file that is none, or is for another controller; then
         nothing is entered."""
         try:
-            _, corrections = read_yaml(read_text(path, _MOST_BYTES), str(path))
+            _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
             raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
-        before = self._of(next((candidate for candidate in MAKERS if candidate == name), None), str(path))
+        before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
-    def _of(self, maker: Maker | None, where: str) -> Controller:
+    def _of(self, maker: MakerName | None, where: str) -> Controller:
         """The controller; where nothing else says it, its maker is that of the first program or entries. Raises
         FileError for a program or entries of another."""
         self._maker = self._maker or maker
@@ -187,18 +133,19 @@ class Pendant:
             raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
-    def _driven(self, files: ProgramFiles, controller: Controller, test: DrivenTest) -> Driven:
-        tool = _pose_of(self._rig) if files.maker == "yaskawa" else None  # a person enters it at the controller
-        machine = Machine(controller.flange, tool)
-        interpret(files.maker, files.texts, machine)
+    def _driven(self, path: Path, texts: Mapping[str, str], controller: Controller, test: DrivenTest) -> Driven:
+        T = arm_of(self._rig.robot).T_flange_tool
+        entered = maker_by(controller.maker).driver.tool_entered
+        machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
+        interpret(controller.maker, texts, machine)
         place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
         near = np.radians(place.posture_deg) if place else np.zeros(6)
-        return drive(controller, machine.events, near, str(files.path))
+        return drive(controller, machine.events, near, str(path))
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as
         the rig file orders them; or that of the register which it names."""
-        place = self._rig.feedback.signal if isinstance(self._rig.feedback, URRTDE) else None
+        place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)
         order = list(place.outputs if place else dict.fromkeys(output for _, output, _ in driven.outputs))
@@ -217,9 +164,3 @@ def _test_of(path: Path) -> DrivenTest:
         problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
         raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
     return tests[0]
-
-
-def _pose_of(rig: Rig) -> Pose:
-    """The tool of a rig."""
-    T = arm_of(rig.robot).T_flange_tool
-    return Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3]))

@@ -20,8 +20,8 @@ import pyarrow as pa
 
 from analysis.files.write import as_it_was
 from analysis.kinematics.arm import Array
+from analysis.traces.csv_tables import LARGEST
 from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
-from analysis.traces.table_rules import LARGEST
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
 from rigs.schema.vocabulary import direction_of

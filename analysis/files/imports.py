@@ -20,11 +20,10 @@ from analysis.files.sequence import check_sequence
 from analysis.files.table_map import TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
-from analysis.measures.driven_paths import driven_paths
-from analysis.traces.laps import laps_of
+from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured, measured_of
-from analysis.traces.table_layout import LAYOUTS, PLACE, JointSource
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
+from analysis.traces.table_layout import PLACE, JointSource
+from analysis.traces.tables import Table
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load
@@ -71,7 +70,7 @@ def is_plain(path: Path, test: TestName) -> bool:
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
-    ours = names & set(LAYOUTS[test].required)
+    ours = names & set(kind_named(test).layout().required)
     return len(ours) > 1 and (test != "pose" or bool(ours - set(PLACE)))
 
 
@@ -182,7 +181,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         files[0],
         table,
         test=test,
-        direction=table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None,
+        direction=table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None,
         rig_name=rig.name,
         rig_text=rig_text,
         operator=operator,
@@ -208,13 +207,9 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     """What an evaluation will refuse: it is better reported now."""
     try:
-        if isinstance(table, CircleTable):
-            laps_of(table, rig, where)
-        if isinstance(table, PathTable):
-            driven_paths(table, cube_of(rig), None, where)
-        if not isinstance(table, PlaceTable | PathTable):
-            columns = table.g_mm.reshape(len(table.g_mm), -1).T
-            hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})
+        table.kind.hold_evaluable(table, rig, where)
+        columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
+        hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
     except FileError as error:
         return [str(error)]
     return []

@@ -21,7 +21,8 @@ from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
 from analysis.kinematics.arm import Arm, Array, forward
-from analysis.traces.table_layout import COUNTS, LAYOUTS, PLACE, TURN, WORDS, joint_columns
+from analysis.traces.kind import kind_named
+from analysis.traces.table_layout import COUNTS, PLACE, TURN, WORDS, joint_columns
 from analysis.traces.tables import PoseTable
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
@@ -152,7 +153,7 @@ def _columns(template: str, values: Array) -> Columns:
 
 
 def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
-    layout, stated = LAYOUTS[test], table_map.columns
+    layout, stated = kind_named(test).layout(), table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
     missing = [name for name in layout.required if name not in stated and name not in joints]

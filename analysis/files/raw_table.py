@@ -24,7 +24,7 @@ from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.read import refuse_other_formats
 from analysis.files.table_map import SEPARATORS, Layout, Separator
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.table_rules import LARGEST
+from analysis.traces.csv_tables import LARGEST
 from daq.store.chunk import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError

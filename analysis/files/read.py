@@ -30,27 +30,22 @@ from analysis.files.cells import Columns, Problems, Row, TableFileError, TablePr
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.write import as_it_was
+from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
     COMMANDED,
     JOINTS,
-    LAYOUTS,
     RAIL,
-    TURN,
     WORDS,
     JointSource,
     Layout,
-    came_from_columns,
-    layout_of,
 )
 from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
-_OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
-"""A column that means something in another test is that, and no other one misspelt."""
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
 """A number, or a word of a column of words: the first line of a table without a header."""
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
@@ -65,7 +60,7 @@ def check_header(
     TableFileError for wrong or missing columns.
     """
     _separator(where, names)
-    layout = layout or layout_of(test, axes)
+    layout = layout or kind_named(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
@@ -75,16 +70,13 @@ def check_header(
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
-    if test in WITHOUT_GAUGES and RAIL in names and RAIL not in layout.known:
+    if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
         what = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
         problems.append(TableProblem(1, RAIL, what))
-    turns = [name for name in TURN if name in names]
-    if test == "pose" and 0 < len(turns) < len(TURN):
-        problems.append(TableProblem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
-    came = [name for name in came_from_columns(axes) if name in names]
-    if test == "touch" and 0 < len(came) < axes:
-        every = ", ".join(came_from_columns(axes))
-        problems.append(TableProblem(1, "", f"has {' and '.join(came)} only; give all of {every}, or none"))
+    stated = [name for name in layout.together if name in names]
+    if 0 < len(stated) < len(layout.together):
+        what = f"has {' and '.join(stated)} only; give all of {', '.join(layout.together)}, or none"
+        problems.append(TableProblem(1, "", what))
     if problems:
         mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
@@ -104,7 +96,9 @@ def _separator(where: str, names: list[str]) -> None:
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
     # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
-    others = [extra for extra in names if extra not in _OF_ANY]
+    # A column that means something in another test is that, and no other one misspelt.
+    of_any = {column for kind in kinds() for column in kind.layout().known}
+    others = [extra for extra in names if extra not in of_any]
     of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
     taken = {_stem(column) for column in layout.known}
     alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
@@ -155,7 +149,7 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
     names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
     file = as_argument(where)
-    if len(names & set(LAYOUTS[test].required)) > 1:
+    if len(names & set(kind_named(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
         what = f"has its header in line {count} behind a #, which makes it a comment"
         raise FileError(where, what, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
@@ -194,7 +188,7 @@ def read_file(
     data = read_whole(path)
     text, doubts = _table_of_bag(data, str(path), test, rig) if is_bag(data) else (data, ())
     table = parse_csv(text, str(path), test, rig, direction, joints)
-    words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
+    words = table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
 
 
@@ -207,7 +201,7 @@ def parse_csv(
     joints: JointSource = "measured",
 ) -> pa.Table:
     """The table in the bytes of a file; `where` names it in errors. See `read_file`."""
-    if direction and "direction" not in LAYOUTS[test].required:
+    if direction and "direction" not in kind_named(test).layout().required:
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
@@ -222,7 +216,7 @@ def parse_csv(
     if joints == "commanded":
         names = _commanded(names, where)
     axes = len(rig.robot.axes)
-    layout = layout_of(test, axes, rail=rig.robot.rail is not None)
+    layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
@@ -263,7 +257,7 @@ def read_whole(path: Path) -> bytes:
 
 
 def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
-    if "direction" not in LAYOUTS[test].required:
+    if "direction" not in kind_named(test).layout().required:
         what = "is a bag, from which circles are read, and poses by a map"
         raise FileError(where, what, f"give the table of a {test} test as CSV")
     return table_of_bag(data, where, rig, test)

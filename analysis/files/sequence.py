@@ -10,10 +10,11 @@ import pyarrow.compute as pc
 
 from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
-from analysis.measures.rig_agreement import target_count
-from analysis.traces.table_layout import JOINTS, LAYOUTS, TIME_U, joint_columns
+from analysis.measures.stops import target_count
+from analysis.traces.kind import kind_named
+from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
 from rigs.rig import Rig
-from rigs.schema.vocabulary import MOST_AXES, Direction, TestName
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction, TestName
 
 _SPEED_FACTOR = 2.0
 """A joint that moves faster than this many times its rated speed …"""
@@ -30,7 +31,7 @@ def check_sequence(
 
     lines: the number of each row's line (n,).
     """
-    columns_of_test = LAYOUTS[test].known
+    columns_of_test = kind_named(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
         yield from _time(columns["t_s"].to_numpy(), lines)
     for name in (name for name in TIME_U if name in columns_of_test and name in columns):
@@ -38,16 +39,22 @@ def check_sequence(
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in columns_of_test and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
+    yield from _further_joints(columns, test, len(rig.robot.axes))
     if "socket" in columns_of_test:
-        axes, seventh = len(rig.robot.axes), joint_columns(MOST_AXES)[-1]
-        if axes < MOST_AXES and seventh in columns:
-            yield TableProblem(1, seventh, f"the table has {MOST_AXES} joints, and the arm of the rig file {axes}")
         yield from _sockets(columns["socket"], lines, rig)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
         for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
+
+
+def _further_joints(columns: Columns, test: TestName, axes: int) -> Iterator[TableProblem]:
+    """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
+    name = joint_columns(axes + 1)[-1]
+    if name in columns and (test == "touch" or axes < DRIVEN_AXES):
+        what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
+        yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
 
 
 def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:

@@ -31,7 +31,7 @@ from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 ORDER = (5, 4, 3, 2, 1)
 """The order of the poses in a cycle, 6.10 of the standard."""
@@ -109,8 +109,8 @@ def iso9283_of(rig: Rig) -> Iso9283:
 def cube_of(rig: Rig) -> Cube:
     """Return the cube of a rig, as its file states it or where the arm has room. Raises FileError where it has none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
-    if len(rig.robot.axes) > FEWEST_AXES:
-        what = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {FEWEST_AXES}"
+    if len(rig.robot.axes) != DRIVEN_AXES:
+        what = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {DRIVEN_AXES}"
         raise FileError(where, what, "measure it by planned poses: rig plan RIG --poses 30")
     cube = _cube(rig.robot, test)
     if cube is None:

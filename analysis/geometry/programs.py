@@ -19,7 +19,7 @@ from analysis.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
-from rigs.schema.vocabulary import FEWEST_AXES, Direction
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction
 
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of a controller on a calibration circle, a gentle one."""
@@ -35,8 +35,8 @@ _SHORTEST_MOVE_S = 0.6
 
 def hold_six(rig: Rig) -> None:
     """Raise FileError for an arm that cannot drive the tests of the ball link."""
-    if (axes := len(rig.robot.axes)) > FEWEST_AXES:
-        what = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {FEWEST_AXES}"
+    if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
+        what = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
         raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
     if rig.robot.rail:
         what = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"

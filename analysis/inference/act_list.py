@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from analysis.inference.acts import Act, Against, Cost, JudgedOn, NamingTest, Reason
+from analysis.inference.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.observation import ObservedRun
 from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
 from analysis.inference.setups import FittedRuns
@@ -236,7 +236,7 @@ def _is_worth_while(diagnosis: Diagnosis, figures: Act) -> bool:
 
 
 def _model(diagnosis: Diagnosis) -> str:
-    return f"FOUND/{diagnosis.rig.name}.yaml"
+    return f"{FOUND}{diagnosis.rig.name}.yaml"
 
 
 def _measurements(

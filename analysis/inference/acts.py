@@ -61,6 +61,10 @@ class Cost:
     set_ups: int = 0
 
 
+FOUND = "FOUND/"
+"""The directory in which the commands of acts have the model, until it is known where a person has it."""
+
+
 @dataclass(frozen=True)
 class NamingTest:
     """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are

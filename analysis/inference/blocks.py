@@ -10,8 +10,6 @@ from typing import TypeVar
 import numpy as np
 
 from analysis.inference.noise import (
-    POSE_MM,
-    TOUCH_MM,
     CircleNoise,
     Repeated,
     ScatteredRuns,
@@ -36,12 +34,12 @@ from analysis.inference.observation import (
     predicted_in_scene,
     residuals_of,
 )
-from analysis.inference.setups import moved_setup, terms_of, with_effects, without_origin
+from analysis.inference.setups import moved_setup, with_effects, without_origin
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable, TouchTable, test_of
+from analysis.traces.kind import SAME_RAD
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -75,9 +73,6 @@ _SLOW = 8
 seconds, which is longer than the correlation times of most noise."""
 _BORROWED = 2.0
 """Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
-_SAME_RAD = 3e-4
-"""Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
-a third of it."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +141,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 def _strength_of(observation: Observation) -> str:
     """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
     ball is seated in them."""
-    return test_of(observation.table) if isinstance(observation.table, TouchTable) else observation.setup
+    return observation.setup if observation.table.kind.parts(observation.table) is None else observation.table.test
 
 
 def targets_key(run: ObservedRun) -> bytes:
@@ -247,8 +242,8 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
-    if isinstance(table, PlaceTable) and not measured:
-        sd = np.full(len(sd), TOUCH_MM if isinstance(table, TouchTable) else POSE_MM)
+    if table.kind.of_places and not measured:
+        sd = np.full(len(sd), table.kind.assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
@@ -261,21 +256,15 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
 def _visit_numbers(observation: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
     table, keys = observation.table, _visit_keys(observation)
-    if isinstance(table, PlaceTable):
-        visit = visits(table.q[observation.rows], _SAME_RAD)
+    if table.kind.of_places:
+        visit = visits(table.q[observation.rows], SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
 def _visit_keys(observation: Observation) -> Integers:
     """Return integers (m, k) that describe where and how each reading was taken."""
-    table, rows = observation.table, observation.rows
-    if isinstance(table, RadialTable):
-        return np.stack([table.target, table.orientation], axis=1)[rows]
-    if isinstance(table, RepeatabilityTable):
-        ways = np.select([table.approach == "out", table.approach == "in"], [1, 2], 0)
-        return np.stack([table.target, ways], axis=1)[rows]
-    return np.round(table.q[rows] / _SAME_RAD).astype(np.int64)
+    return observation.table.kind.visits(observation.table)[observation.rows]
 
 
 def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
@@ -371,7 +360,7 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
-        steps = _STEP_MM * np.eye(terms_of(self.block.one.table))
+        steps = _STEP_MM * np.eye(self.block.one.table.kind.setup_terms)
         setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM

@@ -17,7 +17,6 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
@@ -58,14 +57,15 @@ class Measure:
     def _root(self) -> Array:
         """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
         blocks = self.linear.blocks
-        readings = np.array([len(block.one.rows) * block.count for block in blocks], dtype=float)
+        counts = [len(block.sampling.phi if block.sampling else block.one.rows) * block.count for block in blocks]
+        readings = np.array(counts, dtype=float)
         parts = []
         for block, share in zip(blocks, readings / readings.sum(), strict=True):
             factor = np.zeros(len(block.y_mm))
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if isinstance(block.one.table, PlaceTable) else 1) / len(factor)
+                factor[:] = (3 if block.one.table.kind.of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -78,7 +78,7 @@ class Measure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not isinstance(block.one.table, PlaceTable):
+            if not block.one.table.kind.of_places:
                 precision[self.linear.terms[block.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 

@@ -16,9 +16,8 @@ from analysis.inference.joint_curves import CurveColumns, JointCurves, curve_col
 from analysis.inference.responses import Linearisation, Response
 from analysis.inference.setups import constants_apart
 from analysis.kinematics.arm import Array, rail_mm
-from analysis.traces.tables import CircleTable, PlaceTable
 from rigs.effects import VOCABULARY, Effect, one_sided
-from rigs.schema.effect import Gauge, Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.scene import play
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -74,9 +73,8 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 def _scope(blocks: Sequence[Block]) -> Scope:
     """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
     tables = [block.one.table for block in blocks]
-    timed = any(isinstance(table, CircleTable) for table in tables)
-    gauged = any(not isinstance(table, PlaceTable) for table in tables)
-    gauges: tuple[Gauge, ...] = ("g1", "g2") if timed else ("g1",) if gauged else ()
+    timed = any(table.kind.swept for table in tables)
+    gauges = max((table.kind.gauges for table in tables), key=len)
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
@@ -86,7 +84,7 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 def _turned(blocks: Sequence[Block]) -> Array:
     """Return the range (6,) of each joint in turns, on circles if there are any, where joints move while they
     are read."""
-    swept = [block for block in blocks if isinstance(block.one.table, CircleTable)] or blocks
+    swept = [block for block in blocks if block.one.table.kind.swept] or blocks
     turned: Array = np.max([np.ptp(block.one.table.q, axis=0) for block in swept], axis=0) / (2 * np.pi)
     return turned
 

@@ -20,11 +20,9 @@ from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
-from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable
 from rigs.rig import Rig
 
 if TYPE_CHECKING:
@@ -146,8 +144,6 @@ def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ())
 def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     """Return runs compared with the model of a rig, with set-ups that are called by where they are."""
     model = model_of(rig)
-    for run in runs:
-        hold_targets(run.table, rig, str(run.path))
     pieces = [
         (run, observation)
         for run, whole in zip(runs, observe_runs(rig, runs), strict=True)
@@ -165,7 +161,7 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     placed = fit_setups([(model, observation) for observation in observations])
     comparisons, poses = [], []
     for run, observation, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
-        if isinstance(run.table, PlaceTable):
+        if run.table.kind.of_places:
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
@@ -174,7 +170,7 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     setups = {
         f"{observation.setup}{where}": placed[observation.setup]
         for observation in observations
-        if not isinstance(observation.table, PlaceTable)
+        if not observation.table.kind.of_places
     }
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 

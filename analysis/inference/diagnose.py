@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 
@@ -26,7 +25,7 @@ from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, 
 from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
-from analysis.inference.setups import FittedRuns, fit_run_setups, terms_of, with_effects, without_a_fold
+from analysis.inference.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
 from analysis.inference.stepwise import staircase_of
 from analysis.inference.validation import Stages, calibrated_model, gap, held_out_gains, stages_of, widening
 from analysis.inference.verdict import (
@@ -44,11 +43,8 @@ from analysis.inference.verdict import (
     without_useless,
 )
 from analysis.kinematics.arm import rail_mm
-from analysis.measures.touch import evaluate as touched_by
-from analysis.measures.touch import known_otherwise
 from analysis.traces.loading import Measured
 from analysis.traces.table_layout import COMMANDED
-from analysis.traces.tables import CircleTable, PoseTable, TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -75,23 +71,16 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             f"{', '.join(driven_once)} was driven once: its noise is assumed equal to that of the other circles"
         )
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    touched = [block for block in unrepeated if isinstance(block.one.table, TouchTable)]
-    once = dict.fromkeys(block.name for block in unrepeated if block not in touched)
-    if touched:
-        doubts.append(
-            "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
-            "touch some postures again to measure it"
-        )
+    once = dict.fromkeys(block.name for block in unrepeated if not block.one.table.kind.never_twice)
+    doubts += [words for block in unrepeated if (words := block.one.table.kind.never_twice)]
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.one.table
-        if isinstance(table, TouchTable) and (declared := block.model.rig.tests.touch) and declared.distances:
-            with suppress(FileError):  # of a few touches the sockets have no places
-                doubts += known_otherwise(touched_by(table, block.model, block.name).distances)
-        if isinstance(table, CircleTable):
-            ways.setdefault(table.test, set()).add(table.direction)
+        doubts += table.kind.doubts(table, block.model, block.name)
+        if direction := table.kind.direction(table):
+            ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.one.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
         doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
@@ -101,9 +90,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        sides = any(
-            isinstance(touches := block.one.table, TouchTable) and touches.came_from is not None for block in blocks
-        )
+        sides = any(block.one.table.kind.sides_known(block.one.table) for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
@@ -221,7 +208,7 @@ def diagnose(
 
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
-    tables = [run.run.table for run in used if isinstance(run.table, PoseTable)]
+    tables = [run.run.table for run in used if run.table.kind.of_tracker]
     return (
         EARLY_COMMANDED if any(table is not None and COMMANDED[0] in table.column_names for table in tables) else EARLY,
     )
@@ -295,7 +282,7 @@ def _diagnosis_of(
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError where there are fewer readings than terms of the set-ups."""
-    terms = sum({run.one.setup: terms_of(run.one.table) for run in runs}.values())
+    terms = sum({run.one.setup: run.one.table.kind.setup_terms for run in runs}.values())
     if (count := sum(run.one.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
 

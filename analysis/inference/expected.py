@@ -34,7 +34,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable, Table, TouchTable
+from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
@@ -224,7 +224,7 @@ def planned_blocks(
     driven = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
     seen = [replace(run, one=observation) for run in driven for observation in by_socket(run.one)]
     setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
-    setups |= fit_setups([(run.model, run.one) for run in seen if isinstance(run.one.table, TouchTable)])
+    setups |= fit_setups([(run.model, run.one) for run in seen if run.one.table.kind.of_places])
     return [_repeated(block, runs) for block in blocks_of(seen, setups)], setups
 
 

@@ -18,7 +18,6 @@ from analysis.inference.blocks import Block
 from analysis.kinematics.arm import Array
 from analysis.measures.touch import SEAT_MM
 from analysis.model.predict import SetUp
-from analysis.traces.tables import TouchTable
 from rigs.schema.declared_tests import SocketDistance
 
 _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
@@ -63,7 +62,7 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
     """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
     once. What belongs to them follows the entries (N,) of the blocks."""
     distances: dict[tuple[str, str], SocketDistance] = {}
-    touched = [block for block in blocks if isinstance(block.one.table, TouchTable)]
+    touched = [block for block in blocks if block.one.table.kind.parts(block.one.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
         if touch is None or first.one.table is not second.one.table:
@@ -77,9 +76,8 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
 
 def _socket(block: Block) -> str:
     """Return the name of the socket of a block of touches."""
-    table = block.one.table
-    assert isinstance(table, TouchTable)  # noqa: S101 - of touches, all are
-    return str(table.socket[block.one.rows[0]])
+    sockets = block.one.table.kind.parts(block.one.table)
+    return "" if sockets is None else str(sockets[block.one.rows[0]])
 
 
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:

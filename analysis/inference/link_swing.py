@@ -95,7 +95,7 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     scatter: dict[str, list[float]] = {}
     for group, fit in zip(groups, fits, strict=True):
         scatter.setdefault(group.setup, []).append(group.scatter_of(frequency_hz, fit.waves))
-    amplitude, sd = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
+    frequency_hz, amplitude, sd = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
     sds, amplitude = {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, min(amplitude, 1.0)
     scatter_um = {setup: 1e3 * float(np.sqrt(np.mean(squares))) for setup, squares in scatter.items()}
     return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um)
@@ -103,27 +103,30 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
 
 def _with_the_common_part(
     groups: Sequence[_Repeated], f: Array, frequency_hz: float, amplitude_mm: float, sd_mm: float
-) -> tuple[float, float]:
-    """Return the amplitude of a vibration and its standard uncertainty, with what all repeats have in common at its
+) -> tuple[float, float, float]:
+    """Return frequency and amplitude of a vibration and the standard uncertainty of that, with what all repeats have in common at its
     frequency, given those of their deviations and the frequencies f (F,) that were searched.
 
     A vibration that begins with the program has the same phase in every run, which no deviation shows. What repeats of
     the circle have there anyway, as waves of gears, is about as large at the frequencies beside it.
     """
     near = int(np.argmin(np.abs(f - frequency_hz)))
-    squares, noises = [], []
-    for group in groups:
-        for whole in group.wholes:
-            wave = whole.quick @ np.exp(-2j * np.pi * frequency_hz * whole.t_s)
-            squares.append(float(np.abs(2 * wave / len(whole.t_s)) ** 2))
-            noises.append(4 / len(whole.t_s) * float(_noise_level(_power(whole, f), _width(f))[near]))
+    tried_hz = frequency_hz + (f[1] - f[0]) * _FINER
+    squares, noises = np.zeros(len(tried_hz)), []
+    wholes = [whole for group in groups for whole in group.wholes]
+    for whole in wholes:
+        waves = np.exp(-2j * np.pi * np.outer(tried_hz, whole.t_s)) @ whole.quick
+        squares += np.abs(2 * waves / len(whole.t_s)) ** 2 / len(wholes)
+        noises.append(4 / len(whole.t_s) * float(_noise_level(_power(whole, f), _width(f))[near]))
     noise = float(np.mean(noises))
-    whole_mm = float(np.sqrt(max(np.mean(squares) - noise, 0.0)))
+    whole_mm = float(np.sqrt(max(squares.max() - noise, 0.0)))
     lost = sd_mm / max(amplitude_mm, sd_mm)
     # Repeats share what is no vibration, so that only groups count as independent.
     whole_sd_mm = float(np.hypot(np.sqrt(noise / 2 / len(groups)), min(lost, _LOST) * whole_mm))
     is_common = whole_mm - amplitude_mm > _COMMON_SIGMA * float(np.hypot(sd_mm, whole_sd_mm))
-    return (whole_mm, whole_sd_mm) if is_common else (amplitude_mm, sd_mm)
+    if not is_common:
+        return frequency_hz, amplitude_mm, sd_mm
+    return float(tried_hz[np.argmax(squares)]), whole_mm, whole_sd_mm
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from analysis.inference.observation import (
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
-from analysis.traces.tables import PlaceTable
 from rigs.effects import turned
 from rigs.schema.vocabulary import MOST_AXES
 
@@ -104,7 +103,7 @@ def scatter_response(model: Model, observation: Observation, setup: SetUp) -> Ar
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
         columns.append(predicted(off, observation, setup) - base)
-    if not isinstance(observation.table, PlaceTable):
+    if not observation.table.kind.of_places:
         steps = SCATTER_MM * np.eye(3)
         columns += [
             predicted_in_scene(model, observation, scene, replace(setup, ball=setup.ball + step)) - base
@@ -263,12 +262,6 @@ _AGREEMENT = 4.0
 tenfold differences between the targets of real cells likely."""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
-TOUCH_MM = 0.1
-"""Scatter of a coordinate of a ball that is seated by hand, if no posture was touched twice: a model of constants,
-gravity and curves leaves 0.1 to 0.2 mm of two Pandas and an iiwa (Franzese et al., MUKCa, 2024). The readings say how
-much less or more it is; a search that begins with too little explains scatter by the arm."""
-POSE_MM = 0.04
-"""Scatter of a coordinate of a pose if no pose was visited twice: UR10, two visits (Landgraf et al. 2021)."""
 
 
 @dataclass(frozen=True)

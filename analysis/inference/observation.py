@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.rig_agreement import hold_targets
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
 from analysis.model.scene import Scene
@@ -23,17 +22,9 @@ from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import (
     CircleTable,
-    Evidence,
-    PathTable,
-    PlaceTable,
-    RadialTable,
-    RepeatabilityTable,
     Table,
-    TouchTable,
-    test_of,
 )
 from rigs.effects import Effect
-from rigs.errors import FileError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -42,15 +33,12 @@ if TYPE_CHECKING:
 # Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
 
 
-NO_JOINTS = "is a path, without the joints at each place, so it shows nothing of single joints"
-
-
 @dataclass(frozen=True)
 class Observation:
     """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
     with equal names of their set-up share it."""
 
-    table: Evidence
+    table: Table
     path: Path
     rows: Integers
     values: Array
@@ -72,16 +60,10 @@ class Observation:
 def observe(model: Model, table: Table, where: str) -> Observation:
     """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
     is not a circle of the rig, or has no joint angles."""
-    if isinstance(table, PathTable):
-        raise FileError(where, NO_JOINTS, "give poses, touches or circles")
-    if isinstance(table, CircleTable):
-        rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
-        return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
-    rows = np.arange(len(table.q))
-    if isinstance(table, RadialTable | RepeatabilityTable):
-        hold_targets(table, model.rig, where)
-    values = table.xyz_mm if isinstance(table, PlaceTable) else table.g_mm[:, None]
-    return Observation(table, path_of(model, table), rows, values, test_of(table))
+    if table.kind.without_joints:
+        raise table.kind.refused(where)
+    rows = table.kind.rows_used(table, model.rig, where)
+    return Observation(table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
 
 
 def with_placement(observation: Observation, placement: str) -> Observation:
@@ -93,9 +75,10 @@ def with_placement(observation: Observation, placement: str) -> Observation:
 def by_socket(observation: Observation) -> list[Observation]:
     """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
     The place of each socket is a set-up of its own."""
-    if not isinstance(observation.table, TouchTable):
+    parts = observation.table.kind.parts(observation.table)
+    if parts is None:
         return [observation]
-    socket = observation.table.socket[observation.rows]
+    socket = parts[observation.rows]
     return [
         replace(
             observation,
@@ -122,7 +105,7 @@ def predicted(model: Model, observation: Observation, setup: SetUp) -> Array:
 def predicted_in_scene(model: Model, observation: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
     values = read(model, observation.table, observation.path, scene, setup)
-    if isinstance(observation.table, PlaceTable):
+    if observation.table.kind.of_places:
         values = values[:, [3, 7, 11]]
     return values[observation.rows]
 
@@ -192,7 +175,7 @@ reversal of a joint."""
 
 def smooth_path(observation: Observation) -> Observation:
     """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
-    if not isinstance(observation.table, CircleTable):
+    if not observation.table.kind.swept:
         return observation
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
     laps = observation.samples
@@ -428,8 +411,17 @@ class ObservedRun:
     @property
     def name(self) -> str:
         """The name that repeated runs share: `yaw cw`, `radial`."""
-        table = self.one.table
-        return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
+        direction = self.one.table.kind.direction(self.one.table)
+        return f"{self.one.setup} {direction}" if direction else self.one.setup
+
+    @property
+    def on_lap(self) -> Observation:
+        """The observation of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands
+        before and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self.one
+        count = len(self.sampling.phi)
+        return replace(self.one, rows=self.one.rows[:count], values=self.one.values[:count])
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:

@@ -18,12 +18,11 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.inference.observation import Observation, observe, predicted, residuals_of, rms, thinned, with_placement
-from analysis.inference.setups import FRAME, fit_setups, placement_of, target_of, targeted, terms_of
+from analysis.inference.setups import FRAME, fit_setups, placement_of, target_of, targeted
 from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.model.predict import Model, model_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PlaceTable, PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -64,12 +63,12 @@ def split_by_frame(
     split_up, messages = list(observations), []
     for setup in dict.fromkeys(observation.setup for observation in observations):
         places = [k for k, observation in enumerate(observations) if observation.setup == setup]
-        split = _circle_frames if isinstance(observations[places[0]].table, CircleTable) else _target_frames
+        split = _circle_frames if observations[places[0]].table.kind.swept else _target_frames
         frames = sorted(sorted(frame) for frame in split(model, observations, places))
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
-        if len(frames) > 1 and not isinstance(observations[places[0]].table, PoseTable):
+        if len(frames) > 1 and not observations[places[0]].table.kind.of_tracker:
             messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
     return split_up, messages
 
@@ -90,7 +89,7 @@ def split_by_target(
     split_up = list(observations)
     members: dict[str, list[int]] = {}
     for k, observation in enumerate(observations):
-        if isinstance(observation.table, PoseTable):
+        if observation.table.kind.of_tracker:
             members.setdefault(observation.setup, []).append(k)
     settled: dict[str, list[Observation]] = {}
     for setup in sorted(members, key=lambda name: -_readings(observations, name)):
@@ -132,7 +131,7 @@ def _beside(model: Model, home: Sequence[Observation], runs: Sequence[Observatio
     """Return what runs leave, rms mm, as the set-up `name` beside those at home, None where that is more than both
     leave alone. Few poses are not judged: they have the target of the others."""
     moved_mm = rms(_left(model, [*home, *(replace(observation, setup=name) for observation in runs)]))
-    if sum(observation.values.size for observation in runs) < terms_of(runs[0].table) + TO_SPARE:
+    if sum(observation.values.size for observation in runs) < runs[0].table.kind.setup_terms + TO_SPARE:
         return moved_mm if target_of(name) == target_of(home[0].setup) else None
     apart_mm = max(rms(_left(model, home)), rms(_left(model, runs)))
     return moved_mm if moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM) else None
@@ -165,17 +164,16 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
     """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
     Raises FileError if there are none."""
     tool_known = {
-        (type(observation.table), target_of(observation.setup))
+        (observation.table.test, target_of(observation.setup))
         for observation in observations
         if _spare(observations, observation.setup) > 0
     }
     reasons: dict[str, str] = {}
     for observation in observations:
         shares = (
-            isinstance(observation.table, PlaceTable)
-            and (type(observation.table), target_of(observation.setup)) in tool_known
+            observation.table.kind.of_places and (observation.table.test, target_of(observation.setup)) in tool_known
         )
-        terms = terms_of(observation.table) - 3 * shares
+        terms = observation.table.kind.setup_terms - 3 * shares
         readings = _readings(observations, observation.setup)
         if readings <= terms:
             reasons[observation.setup] = (
@@ -203,7 +201,7 @@ def _readings(observations: Sequence[Observation], setup: str) -> int:
 
 def _spare(observations: Sequence[Observation], setup: str) -> int:
     table = next(observation.table for observation in observations if observation.setup == setup)
-    return _readings(observations, setup) - terms_of(table)
+    return _readings(observations, setup) - table.kind.setup_terms
 
 
 def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
@@ -218,8 +216,7 @@ def _circle_frames(model: Model, observations: Sequence[Observation], places: Se
     ways: dict[str, list[list[int]]] = {}
     for k in places:
         table = observations[k].table
-        assert isinstance(table, CircleTable)  # noqa: S101 - of one test, all are
-        frames = ways.setdefault(table.direction, [])
+        frames = ways.setdefault(table.kind.direction(table) or "", [])
         home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
         if home is None:
             frames.append([k])
@@ -259,7 +256,7 @@ def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
     """Return whether the last run can be in the frame of the others."""
     *others, last = runs
     together = _left(model, runs)
-    if last.values.size < terms_of(last.table) + TO_SPARE:
+    if last.values.size < last.table.kind.setup_terms + TO_SPARE:
         apart_mm = rms(_left(model, others))
     else:
         apart_mm = max(rms(_left(model, others)), rms(_left(model, [last])))

@@ -24,7 +24,6 @@ from analysis.inference.expected import (
 from analysis.inference.responses import Linearisation, beside
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp
-from analysis.traces.tables import TouchTable
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
@@ -297,10 +296,7 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
 
 def _set_up_of(linear: Linearisation) -> str:
     """Return what is fitted of the set-ups, in words."""
-    touched = [isinstance(block.one.table, TouchTable) for block in linear.blocks]
-    parts = [] if all(touched) else ["the ball's position and the gauges' zeros"]
-    parts += ["the places of the sockets and of the ball on the tool"] if any(touched) else []
-    return "; ".join(parts)
+    return "; ".join(sorted({block.one.table.kind.setup_words for block in linear.blocks}))
 
 
 def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:

@@ -10,9 +10,8 @@ import numpy as np
 from analysis.conventions.check import findings_of
 from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.conventions.lost_poses import Far, far_poses, far_touches, left_out
+from analysis.conventions.lost_poses import left_out
 from analysis.inference.observation import (
-    NO_JOINTS,
     Observation,
     ObservedRun,
     by_socket,
@@ -22,12 +21,12 @@ from analysis.inference.observation import (
 )
 from analysis.inference.placements import split_by_frame, split_by_target, with_enough_readings
 from analysis.inference.setups import fit_run_setups, part, with_effects
-from analysis.kinematics.arm import Array, Mask, forward, without_setup
+from analysis.kinematics.arm import Array, Mask
 from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import by_accident
 from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, PoseTable, Table, TouchTable
+from analysis.traces.tables import Table
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -76,11 +75,12 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
 def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
     """Return the runs of each use without paths, and a message for each of those. Raises FileError where nothing is
     left of the first."""
-    kept = tuple([run for run in use if not isinstance(run.table, PathTable)] for use in uses)
-    paths = [run for use in uses for run in use if isinstance(run.table, PathTable)]
-    if paths and not kept[0]:
-        raise FileError(str(paths[0].path), NO_JOINTS, "give poses, touches or circles as well")
-    return kept, [f"{run.run.manifest.name} is left out: it {NO_JOINTS}" for run in paths]
+    kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
+    without = [run for use in uses for run in use if run.table.kind.without_joints]
+    if without and not kept[0]:
+        why = without[0].table.kind.without_joints
+        raise FileError(str(without[0].path), why, "give poses, touches or circles as well")
+    return kept, [f"{run.run.manifest.name} is left out: it {run.table.kind.without_joints}" for run in without]
 
 
 def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
@@ -117,7 +117,7 @@ def _likely(findings: Sequence[Finding]) -> list[str]:
 def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
     """Return a message with the number of wild readings of circles, from the name, wild readings and table of
     each run."""
-    circles = [(name, wild, table.g_mm.size) for name, wild, table in counted if isinstance(table, CircleTable)]
+    circles = [(name, wild, table.kind.readings(table).size) for name, wild, table in counted if table.kind.swept]
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
     if wild <= _FEW * readings:
         return []
@@ -172,27 +172,17 @@ def _without_far(
     fitted to them, and a message for each run that has such."""
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
-        far = _far_of(run) if k in kept else None
+        far = run.one.table.kind.far(run.one.table, run.model.arm) if k in kept else None
         if far is None:
             continue
         if far.words:
             doubts.append(f"{names[k]}: {far.words}")
-        table, out = run.one.table, far.wild
-        if isinstance(table, PoseTable):
-            out = out | (table.xyz_mm == 0).all(axis=1)
-        if out.any() and not out.all() and isinstance(table, PoseTable | TouchTable):
+        table = run.one.table
+        out = far.wild | table.kind.lost(table)
+        if out.any() and not out.all():
             found[k] = replace(run, one=part(run.one, ~out[run.one.rows]))
             doubts.append(f"{names[k]}: {left_out(table, out, far.far_mm)}")
     return found, doubts
-
-
-def _far_of(run: ObservedRun) -> Far | None:
-    """Return which readings of a run of poses or touches are far, None of another; targets are judged by their sphere
-    when they are evaluated, and beside the calibrated arm."""
-    table, arm = run.one.table, run.model.arm
-    if isinstance(table, PoseTable):
-        return far_poses(table, without_setup(arm))
-    return far_touches(table, forward(arm, table.q)) if isinstance(table, TouchTable) else None
 
 
 def _differing(rig: Rig, other_rig: Rig) -> str:
@@ -208,10 +198,9 @@ def _differing(rig: Rig, other_rig: Rig) -> str:
 # Names are selected with robust weights, so that a wild reading has little influence there. An rms has no such
 # weights: a single pose that was 25 mm wrong among those held out made a right name one that makes them worse.
 
-_SPREADS, _SPREADS_OF_PLACES, _NEAR = 10.0, 6.0, 2.5
-"""Robust standard deviations from which a reading of a gauge is wild, and a place beside a calibrated arm
-(`analysis.conventions.lost_poses`), and up to which one counts while set-ups are fitted; they are taken to be at least
-the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test, and usual."""
+_NEAR = 2.5
+"""Robust standard deviations up to which a reading counts while set-ups are fitted; they are taken to be at least the
+largest of real cells, 0.06 mm. Chosen: usual."""
 _STEPS = 4
 """Number of fits of the set-ups, each to the readings that are near after the one before (Rousseeuw's concentration
 steps): fitted to all of them, the set-up of one wild reading in nine hid them."""
@@ -223,10 +212,10 @@ def without_wild(
     """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
     `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
     for."""
-    targets = [k for k, run in enumerate(runs) if not isinstance(run.one.table, CircleTable)]
+    targets = [k for k, run in enumerate(runs) if not run.one.table.kind.swept]
     sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
-    far = [spreads > _limit(runs[k]) for k, (_, spreads) in zip(targets, away, strict=True)]
+    far = [spreads > runs[k].one.table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
         observation = runs[k].one
@@ -241,14 +230,10 @@ def without_wild(
     return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
 
 
-def _limit(run: ObservedRun) -> float:
-    return _SPREADS_OF_PLACES if isinstance(run.one.table, PoseTable) else _SPREADS
-
-
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
     """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
     themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
-    poses = [k for k, run in enumerate(runs) if isinstance(run.one.table, PlaceTable)]
+    poses = [k for k, run in enumerate(runs) if run.one.table.kind.of_places]
     kept = set()
     for setup in dict.fromkeys(runs[k].one.setup for k in poses):
         members = [k for k in poses if runs[k].one.setup == setup]
@@ -290,7 +275,7 @@ def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: s
     members = [k for k, run in enumerate(runs) if run.one.setup == setup]
     count = sum(len(runs[k].one.rows) for k in members)
     wild = count - sum(len(sound[k].one.rows) for k in members)
-    if isinstance(runs[members[0]].one.table, PlaceTable):
+    if runs[members[0]].one.table.kind.of_places:
         kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
     else:
         kind = f"readings at the targets of {setup}"

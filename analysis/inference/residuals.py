@@ -8,14 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.geometry.hemisphere import target_angles
 from analysis.inference.blocks import BAND_EDGES, Block
 from analysis.inference.observation import GRID, ORDER_OF, curve
 from analysis.inference.result import Curve, Map, Place, ResidualBand
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import CircleTable, PlaceTable, TouchTable, test_of
+from analysis.traces.tables import CircleTable
 from rigs.schema.vocabulary import Direction, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -84,8 +83,8 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
     begin = 0
     for block in blocks:
         table = block.one.table
-        if isinstance(table, CircleTable):
-            parts[table.test, table.direction] = residual[begin : begin + len(ORDER_OF)]
+        if direction := table.kind.direction(table):
+            parts[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
     half, correlations = len(ORDER_OF) // 2, {}
     for test in {test for test, _ in parts}:
@@ -101,14 +100,15 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
 
 def _described(band: _Band, parity: dict[tuple[TestName, str], float]) -> ResidualBand:
     table, times = band.block.one.table, f"{np.sqrt(band.ratio):.1f} times the noise"
-    if not isinstance(table, CircleTable):
-        return ResidualBand(test_of(table), None, "targets", None, band.ratio, f"targets scatter by {times}")
+    direction = table.kind.direction(table)
+    if direction is None:
+        return ResidualBand(table.test, None, "targets", None, band.ratio, f"targets scatter by {times}")
     assert band.orders is not None  # noqa: S101 - bands of circles have orders
     words = f"{band.orders[0]} to {band.orders[1]} cycles a lap, {times}"
     correlation = parity.get((table.test, band.part))
     if correlation is not None and abs(correlation) > 0.5:
         words += ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
-    return ResidualBand(table.test, table.direction, band.part, band.orders, band.ratio, words)  # type: ignore[arg-type]
+    return ResidualBand(table.test, direction, band.part, band.orders, band.ratio, words)  # type: ignore[arg-type]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -145,15 +145,16 @@ def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ..
 
 def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     """Return the circle angles in degrees at which joints reverse, each with its joint."""
-    if not isinstance(block.one.table, CircleTable):
+    table = block.one.table
+    if not isinstance(table, CircleTable):
         return ()
-    lap = laps_of(block.one.table, block.model.rig, block.name)
+    lap = laps_of(table, block.model.rig, block.name)
     return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
 
 
 def _on_circle(block: Block, residual: Array) -> list[Place]:
     table = block.one.table
-    assert isinstance(table, CircleTable)  # noqa: S101 - blocks with a sampling are circles
+    direction = table.kind.direction(table)
     half = len(ORDER_OF) // 2
     smooth = np.where(ORDER_OF <= _SMOOTH, residual[: 2 * half], 0.0)
     readings = curve(smooth)
@@ -180,13 +181,13 @@ def _on_circle(block: Block, residual: Array) -> list[Place]:
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
             places_there.append(
-                Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
+                Place(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
             )
         for phi, joint, jump, sigma in _jumps(values, where, noise):
             why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
             places_there.append(
-                Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
+                Place(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
             )
     return places_there
 
@@ -258,21 +259,19 @@ def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> 
 
 def _at_targets(block: Block, residual: Array) -> list[Place]:
     table = block.one.table
-    if isinstance(table, PlaceTable):
+    if table.kind.of_places:
         size = np.sqrt((residual.reshape(-1, 3) ** 2).sum(axis=1))
-        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), table.rows[block.one.rows]
-        stands_of = "touches" if isinstance(table, TouchTable) else "poses"
+        noise = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3)
     else:
-        assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
-        size, noise, number = np.abs(residual), block.sd_mm, table.target
-        stands_of = "targets"
+        size, noise = np.abs(residual), block.sd_mm
+    number = table.kind.numbers_of(table)[block.one.rows]
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {stands_of}, worst {number[int(np.argmax(size))]}"
+    why = f"{over.sum()} of {len(size)} {table.kind.rows_called}, worst {number[int(np.argmax(size))]}"
     return [
         Place(
-            test_of(table),
+            table.test,
             None,
             "distance",
             float(number[over].min()),
@@ -303,19 +302,14 @@ def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Ar
 
 def _curve(block: Block, before: Array, after: Array) -> Curve:
     table = block.one.table
-    assert isinstance(table, CircleTable)  # noqa: S101 - blocks with a sampling are circles
+    direction = table.kind.direction(table)
+    assert direction is not None  # noqa: S101 - blocks with a sampling are circles
     phi = np.arange(GRID) * 360 / GRID
-    return Curve(table.test, table.direction, phi, 1e3 * curve(before), 1e3 * curve(after), reversals_of(block))
+    return Curve(table.test, direction, phi, 1e3 * curve(before), 1e3 * curve(after), reversals_of(block))
 
 
 def _map(block: Block, before: Array, after: Array) -> Map:
-    table = block.one.table
-    if isinstance(table, PlaceTable):
-        sizes = [1e3 * np.linalg.norm(values.reshape(-1, 3), axis=1) for values in (before, after)]
-        none = np.full(len(sizes[0]), np.nan)
-        return Map(test_of(table), table.rows[block.one.rows].astype(float), none, none, *sizes)
-    assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
-    hemisphere = block.model.rig.tests.hemisphere
-    assert hemisphere is not None  # noqa: S101 - its targets were checked when the run was read
-    polar, azimuth = (np.degrees(angles)[table.target - 1] for angles in target_angles(hemisphere))
-    return Map(test_of(table), table.target.astype(float), polar, azimuth, 1e3 * before, 1e3 * after)
+    table, rows = block.one.table, block.one.rows
+    sizes = [1e3 * np.linalg.norm(values.reshape(len(rows), -1), axis=1) for values in (before, after)]
+    polar, azimuth = (np.degrees(angles)[rows] for angles in table.kind.angles_of(table, block.model.rig))
+    return Map(table.test, table.kind.numbers_of(table)[rows].astype(float), polar, azimuth, *sizes)

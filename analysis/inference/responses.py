@@ -20,7 +20,6 @@ from analysis.inference.setups import columns_of, moved_setup, tool_shift
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp
 from analysis.model.scene import Scene
-from analysis.traces.tables import PlaceTable
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 
@@ -209,7 +208,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U that belong to placements of poses."""
-        poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PlaceTable)]
+        poses = [block.one.setup for block in self.blocks if block.one.table.kind.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -229,7 +228,7 @@ class Linearisation:
         moved, unmoved = (
             self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
-        entries = sum(len(block.y_mm) for block in self.blocks if isinstance(block.one.table, PlaceTable))
+        entries = sum(len(block.y_mm) for block in self.blocks if block.one.table.kind.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -290,7 +289,7 @@ class Linearisation:
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.one.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block.one
-            if not isinstance(seen.table, PlaceTable):
+            if not seen.table.kind.of_places:
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
 
@@ -500,5 +499,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if isinstance(block.one.table, PlaceTable) else 1)
+        count = len(entries_mm) // (3 if block.one.table.kind.of_places else 1)
     return 1e3 * float(np.sqrt(energy / count))

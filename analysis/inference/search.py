@@ -19,7 +19,6 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.traces.tables import PlaceTable, PoseTable
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
 
@@ -160,7 +159,7 @@ def _starting_setups(
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
     setups = fit_run_setups(_first_of_each(runs))[0]
-    poses, begun = [run for run in runs if isinstance(run.one.table, PlaceTable)], None
+    poses, begun = [run for run in runs if run.one.table.kind.of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         of_poses = {run.one.setup: setups[run.one.setup] for run in poses}
@@ -205,9 +204,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = linear.at_entries(
-        [np.full(len(block.y_mm), isinstance(block.one.table, PoseTable)) for block in linear.blocks]
-    )
+    rows = linear.at_entries([np.full(len(block.y_mm), block.one.table.kind.of_tracker) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
@@ -251,7 +248,7 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     def waves(joint: int, block: Block) -> Array:
         turned = block.one.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        poses: Array = np.radians(parts) * isinstance(block.one.table, PoseTable)
+        poses: Array = np.radians(parts) * block.one.table.kind.of_tracker
         return poses
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
@@ -282,7 +279,7 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     def samples(block: Block) -> Array:
         path = block.one.path
         columns = np.zeros((len(path.q), 1))
-        if isinstance(block.one.table, PoseTable):
+        if block.one.table.kind.of_tracker:
             came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
             columns[path.rows, 0] = off(came)
         return columns
@@ -304,5 +301,5 @@ def _move(came: Array) -> Array:
 def _um(result: SearchResult, change: Array) -> float:
     """Return the largest root mean square in µm that a change (N,) of the whitened readings has in any block
     of poses."""
-    poses = [isinstance(block.one.table, PoseTable) for block in result.linear.blocks]
+    poses = [block.one.table.kind.of_tracker for block in result.linear.blocks]
     return float(plain_worth(result.linear, change).um[poses].max())

@@ -37,10 +37,10 @@ from analysis.inference.state import (
     is_twice,
     series_among,
     settled,
+    stands_softly,
     starting_effects,
 )
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import PoseTable
 from rigs.effects import Effect, healthy_size
 from rigs.schema.effect import is_wave, name_of, size_of
 
@@ -117,7 +117,7 @@ class Selection:
 
     @cached_property
     def _backgrounds(self) -> Backgrounds:
-        return Backgrounds(self.columns)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @cached_property
     def _free(self) -> tuple[FreeForm, ...]:
@@ -149,7 +149,7 @@ class Selection:
     @property
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
-        return all(isinstance(block.one.table, PoseTable) for block in self.linear.blocks)
+        return all(block.one.table.kind.of_tracker for block in self.linear.blocks)
 
     def _with_curves(self, state: SelectionState) -> SelectionState:
         """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
@@ -433,6 +433,8 @@ class Selection:
         """Return the log evidence of a state, up to a constant."""
         evidence = self.background(state).evidence(state.refined.known)
         prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
+        if stands_softly(state.refined.effects):
+            prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:

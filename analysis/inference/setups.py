@@ -26,7 +26,8 @@ from analysis.inference.observation import (
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.model.scene import Scene
-from analysis.traces.tables import CircleTable, PlaceTable, PoseTable, Table, TouchTable
+from analysis.traces.kind import kinds
+from analysis.traces.tables import Table
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -61,19 +62,6 @@ _STRAIGHT_MM = 0.2
 Parts = Sequence[tuple[Model, Observation]]
 
 
-def terms_of(table: Table) -> int:
-    """Return the number of terms that a set-up of a table's test has."""
-    if isinstance(table, PlaceTable):
-        return frame_terms(table) + 3
-    return 5 if isinstance(table, CircleTable) else 4
-
-
-def frame_terms(table: PlaceTable) -> int:
-    """Return the number of the first terms of a set-up of places, those of the instrument or of the socket; the others
-    are those of the target or ball on the tool, which all placements of a test with that target share."""
-    return 6 if isinstance(table, PoseTable) else 3
-
-
 _TARGET = "; target "
 """Between the name of a placement and the number of its target on the tool, from 2 on."""
 
@@ -99,9 +87,9 @@ def targeted(setup: str, target: str) -> str:
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
     """Return a set-up with its terms changed by (terms,) mm."""
-    if isinstance(table, PlaceTable):
+    if table.kind.of_places:
         target = setup.T_tool_target.copy()
-        frame = frame_terms(table)
+        frame = table.kind.frame_terms
         target[:3, 3] += change[frame:]
         turn = change[3:6] / _REACH_MM if frame > 3 else np.zeros(3)
         instrument = moved_by(setup.T_instrument_world, change[:3], turn)
@@ -112,13 +100,13 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     """Return the indices of the unknowns that are the terms of each set-up; all placements of poses with one target,
     and all sockets of touches, share those of the tool, and all targets of one placement those of the instrument."""
-    shared: dict[tuple[object, str], list[int]] = {}
+    shared: dict[tuple[str, str], list[int]] = {}
     columns: dict[str, list[int]] = {}
     for name, table in tables.items():
-        if isinstance(table, PlaceTable):
-            parts = [((), placement_of(name), frame_terms(table)), (type(table), target_of(name), 3)]
+        if table.kind.of_places:
+            parts = [("", placement_of(name), table.kind.frame_terms), (table.test, target_of(name), 3)]
         else:
-            parts = [((), name, terms_of(table))]
+            parts = [("", name, table.kind.setup_terms)]
         columns[name] = []
         for kind, part_name, terms in parts:
             first = sum(map(len, shared.values()))
@@ -164,8 +152,9 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
         named.setdefault(observation.setup, []).append((model, observation))
     starting = {name: setups[name] for name in named if setups and name in setups}
     places = {
-        kind: [name for name, members in named.items() if isinstance(members[0][1].table, kind)]
-        for kind in (PoseTable, TouchTable)
+        kind: [name for name, members in named.items() if members[0][1].table.kind is kind]
+        for kind in kinds()
+        if kind.of_places
     }
     for own_names in places.values():
         starting |= _starting_pose_setups({name: named[name] for name in own_names}, starting)
@@ -243,7 +232,7 @@ def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(model, observation, bare) for model, observation in parts])
     seen_there = np.concatenate([observation.values for _, observation in parts])
-    if isinstance(parts[0][1].table, TouchTable):  # a socket has a place and no turn
+    if parts[0][1].table.kind.frame_terms == 3:  # a socket has a place and no turn
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
@@ -252,7 +241,7 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return set-ups that share terms, fitted together from their starting values."""
     tables = {observation.setup: observation.table for _, observation in parts}
     columns = columns_of(tables)
-    poses, count = isinstance(parts[0][1].table, PlaceTable), 1 + max(map(max, columns.values()))
+    poses, count = parts[0][1].table.kind.of_places, 1 + max(map(max, columns.values()))
     scenes = [moved(model, observation.path) for model, observation in parts]
 
     def at(change: Array) -> dict[str, SetUp]:
@@ -297,9 +286,9 @@ def fit_run_setups(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None
 ) -> tuple[dict[str, SetUp], list[Array]]:
     """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of
-    each run."""
-    placed = fit_setups([(run.model, run.one) for run in runs], setups)
-    return placed, [residuals_of(run.model, [run.one], placed)[0] for run in runs]
+    each run, of a circle on its lap."""
+    placed = fit_setups([(run.model, run.on_lap) for run in runs], setups)
+    return placed, [residuals_of(run.model, [run.on_lap], placed)[0] for run in runs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,8 +336,8 @@ def constants_apart(observations: Sequence[Observation]) -> bool:
     """Return whether an arm's constants have widths of their own beside readings of (m, k) mm: where touches alone show
     them, and where places are too few to name those that are larger than usual. Of 30 poses of a UR10 constants of
     usual size leave a tenth more."""
-    of_touches = all(isinstance(observation.table, TouchTable) for observation in observations)
-    of_poses = all(isinstance(observation.table, PlaceTable) for observation in observations)
+    of_touches = all(observation.table.kind.constants_apart for observation in observations)
+    of_poses = all(observation.table.kind.of_places for observation in observations)
     return of_touches or (of_poses and sum(len(observation.rows) for observation in observations) < FEWEST_PLACES)
 
 
@@ -396,7 +385,7 @@ def without_a_fold(
         q = run.one.table.q[run.one.rows]
         # Poses that were left out as wild make no run of sixty one of few.
         few = len(run.one.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
-        if not isinstance(run.one.table, PlaceTable) or few:
+        if not run.one.table.kind.of_places or few:
             used.append(run)
             continue
         out = folds_of(q, folds) == fold

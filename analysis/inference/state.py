@@ -20,6 +20,7 @@ from analysis.inference.responses import Linearisation
 from analysis.kinematics.arm import Array, Mask
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
+from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The state of a selection: the fitted effects, and the noise and healthy level of everything else.
@@ -114,6 +115,16 @@ def series_among(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
+SHOULDER_YIELDS = "compliance 2"
+"""The joint that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+
+
+def stands_softly(effects: Sequence[Effect]) -> bool:
+    """Return whether effects have a base that yields, and no softness of the shoulder beside it."""
+    names = [name_of(effect) for effect in effects]
+    return any(name.startswith("base_") for name in names) and SHOULDER_YIELDS not in names
+
+
 # ----------------------------------------------------------------------------------------------------------------------
 # The backgrounds of selection states, of which the most recent are kept.
 
@@ -126,10 +137,12 @@ _GRAMS = 4
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """The backgrounds of states about some columns. States that differ only in the fitted sizes and shapes of the same
-    names share one; those that differ only in names and level share the weighted products of the columns."""
+    """The backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
+    and shapes of the same names share one; those that differ only in names and level share the weighted products of the
+    columns."""
 
     columns: Columns
+    build: Build
     _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
     _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
     _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
@@ -138,6 +151,8 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
+        if stands_softly(state.refined.effects):
+            variance, mean = self._usual_load**2 * variance, self._usual_load * mean
         for effect in state.refined.effects:
             share = self._shares_beside(effect)
             variance, mean = share * variance, share * mean
@@ -146,6 +161,20 @@ class Backgrounds:
         gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
         return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
+
+    @cached_property
+    def _usual_load(self) -> Array:
+        """How many times a healthy one each column (p,) of the shoulder's softness is in an arm of the build; 1 of all
+        others.
+
+        What the arm stands on turns it as a soft axis 2 does, about a point that lies lower. Beside it that axis may be
+        as soft as is usual: as stiff as a machine's, it left its softness to the base, three times what that had.
+        """
+        usual = np.ones(len(self.columns.healthy))
+        for form in self.columns.forms:
+            if form.name == SHOULDER_YIELDS:
+                usual[list(form.columns)] = form.effects[0].usual_times(self.build)
+        return usual
 
     def _shares_beside(self, effect: Effect) -> Array:
         """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""

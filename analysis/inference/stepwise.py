@@ -23,7 +23,6 @@ from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
 from analysis.inference.validation import Stages
 from analysis.kinematics.arm import Array
-from analysis.traces.tables import CircleTable
 from rigs.calibration import effects_of
 from rigs.effects import Effect
 from rigs.schema.effect import label_of
@@ -131,7 +130,9 @@ def left_um_of(
 
 
 def _thinned(run: ObservedRun) -> ObservedRun:
-    return replace(run, one=thinned(run.one, _ROWS)) if isinstance(run.one.table, CircleTable) else run
+    if not run.one.table.kind.swept:
+        return run
+    return replace(run, one=thinned(run.on_lap, _ROWS), sampling=None)
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -19,7 +19,6 @@ from analysis.inference.setups import FEWEST_PLACES, FittedRuns, fit_run_setups,
 from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable, TouchTable, test_of
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.distribution import version
 from rigs.effects import Effect
@@ -66,7 +65,7 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
     none of them."""
     new = [run for run in runs if run.one.setup not in placed]
     every = {**placed, **(fit_run_setups(new)[0] if new else {})}
-    return [residuals_of(run.model, [run.one], every)[0] for run in runs]
+    return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
@@ -85,7 +84,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     residuals = stages.left(runs)
     before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
     tests = tuple(
-        _of_test(test, runs, residuals[0], residuals[-1]) for test in dict.fromkeys(test_of(r.one.table) for r in runs)
+        _of_test(test, runs, residuals[0], residuals[-1]) for test in dict.fromkeys(r.one.table.test for r in runs)
     )
     keeps = all(run.one.setup in stages.calibrated for run in runs)
     floor = _floor(result, runs)
@@ -95,7 +94,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
 def _of_test(
     test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
 ) -> TestGap:
-    indices = [k for k, run in enumerate(runs) if test_of(run.one.table) == test]
+    indices = [k for k, run in enumerate(runs) if run.one.table.test == test]
     both = [[of_stage[k] for k in indices] for of_stage in (before, calibrated)]
     (was, is_now) = ((1e3 * rms(of_stage), 1e3 * max(map(_largest, of_stage))) for of_stage in both)
     return TestGap(test, *was, *is_now)
@@ -115,7 +114,7 @@ def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) 
     that were measured by more than its covariance allows for. Residuals are (m, k) mm.
     """
     missed = stated = 0.0
-    kept = [run for run in runs if isinstance(run.one.table, PlaceTable) and run.one.setup in stages.calibrated]
+    kept = [run for run in runs if run.one.table.kind.of_places and run.one.setup in stages.calibrated]
     for run, calibrated in zip(kept, with_effects(kept, stages.effects[-1]), strict=True):
         (residual,) = residuals_of(calibrated.model, [run.one], stages.calibrated)
         noise, variance = _stated_variances(run, stages.calibrated, result)
@@ -135,7 +134,7 @@ def _ratio_within(result: SearchResult) -> float:
     noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band]
     excess, stated = [], []
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
-        if not isinstance(block.one.table, PlaceTable):
+        if not block.one.table.kind.of_places:
             continue
         group = np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
         for number in np.unique(group).tolist():
@@ -279,10 +278,10 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
     """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
     assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
     of their test."""
-    linear, names, tests = result.linear, {run.name for run in runs}, {test_of(run.one.table) for run in runs}
+    linear, names, tests = result.linear, {run.name for run in runs}, {run.one.table.test for run in runs}
     alike = [block.name in names for block in linear.blocks]
     if not any(alike):
-        alike = [test_of(block.one.table) in tests for block in linear.blocks]
+        alike = [block.one.table.test in tests for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
     strength = result.state.strength[result.selection.columns.band]
     shown = [
@@ -294,8 +293,8 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
 
 def _shows_noise(block: Block) -> bool:
     """Return whether readings that were not repeated show their own noise: touches, and poses where there are many."""
-    many = isinstance(block.one.table, PlaceTable) and len(block.one.rows) >= FEWEST_PLACES
-    return many or isinstance(block.one.table, TouchTable)
+    kind = block.one.table.kind
+    return kind.of_places and (kind.constants_apart or len(block.one.rows) >= FEWEST_PLACES)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -417,7 +416,7 @@ def _root(covariance: Array) -> Array:
 
 
 def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
-    return any(run.one.setup == setup and isinstance(run.one.table, PlaceTable) for run in runs)
+    return any(run.one.setup == setup and run.one.table.kind.of_places for run in runs)
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

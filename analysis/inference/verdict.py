@@ -39,7 +39,6 @@ from analysis.measures.pose import SAME_RAD, groups
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PlaceTable
 from rigs.calibration import Judged
 from rigs.effects import Effect
 from rigs.errors import RigError
@@ -394,7 +393,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
     if _readings_apart(result) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
         return False
-    poses_alone = all(isinstance(block.one.table, PlaceTable) for block in result.linear.blocks)
+    poses_alone = all(block.one.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
@@ -405,7 +404,7 @@ def _readings_apart(result: SearchResult) -> int:
     readings = 0
     for block in result.linear.blocks:
         table = block.one.table
-        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if isinstance(table, PlaceTable) else len(block.y_mm)
+        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if table.kind.of_places else len(block.y_mm)
     return readings
 
 

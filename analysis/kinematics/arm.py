@@ -100,6 +100,12 @@ def rail_mm(arm: Arm, q: Array) -> Array:
     return stands
 
 
+def base_places(arm: Arm, q: Array) -> Array:
+    """Where the origin of the base stands in the world (n, 3) mm at joint angles q (n, axes) rad: a rail moves it."""
+    at_zero: Array = arm.T_world_base[:3, 3]
+    return np.broadcast_to(at_zero, (len(q), 3)) if arm.rail is None else at_zero + np.outer(rail_mm(arm, q), arm.rail)
+
+
 def rail_frame(arm: Arm) -> Array:
     """The axes (3, 3), in columns, of a rail in the world: along it, across it and level in the frame of the base, and
     across both; of one that goes up the base's x is level."""

@@ -55,7 +55,7 @@ def evaluate(
     def drawn(curves: Sequence[Array]) -> list[Array]:
         return [curve.drawn(curves[0], turned, np.ones(DRAWS))]
 
-    found = figures(lambda d: figures_at(d[0], radius), [curve], drawn, len(laps.phi), RANGES)
+    found = figures(lambda d: figures_at(d[0], radius), [curve], drawn, run.samples, RANGES)
     fit = fit_circle(curve.y, radius)
     return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], found)
 

@@ -6,23 +6,43 @@ maximum less its minimum the error band. Which figures are taken besides, yaw an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
-from analysis.kinematics.arm import Array
+from analysis.conventions.finding import Finding
+from analysis.conventions.joints import PLACE_UNKNOWN, Verdict, judged_by_path
+from analysis.conventions.off_path import Off, off_circle
+from analysis.conventions.place import STAMPS, stamp_findings
+from analysis.conventions.units import circle_gauges, impossible
+from analysis.geometry.ball_link import angle, readings
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
+from analysis.kinematics.arm import Array, Integers
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.circularity import Circularity
 from analysis.measures.circularity import evaluate as evaluate_distance
+from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
-from analysis.measures.reduction import PHI, nodes_of, reduced
+from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced
+from analysis.measures.result_curves import CircleCurve
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Model, Path, SetUp, gauged
+from analysis.model.scene import Scene, apply
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
-from analysis.traces.laps import Laps
+from analysis.traces.align import Aligned
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.kind import Kind
+from analysis.traces.laps import Laps, laps_of
+from analysis.traces.table_layout import JOINTS, TIME_U, Layout
+from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
 
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
@@ -106,6 +126,18 @@ class CircleResult:
     u_scale: float
 
     @property
+    def as_curve(self) -> CircleCurve:
+        """Angle, error and deviation over the circle angle."""
+        error, _ = error_of(self.curve.errors)
+        return CircleCurve(
+            phi_deg=np.degrees(PHI),
+            angle_deg=np.degrees(self.angle),
+            error_deg=np.degrees(self.residual),
+            error_u_deg=np.degrees(error.std(axis=0)),
+            deviation_mm=self.distance.deviation_mm,
+        )
+
+    @property
     def without_rows(self) -> CircleResult:
         """The same result without the rows of its laps, but the first, and without the draws of its noise, which are
         drawn again where they are asked for."""
@@ -132,14 +164,15 @@ class AngleTest:
         u_lag_s: float,
         where: str = "the run",
         like: tuple[LapNoise, LapNoise] | None = None,
+        run: Reduced | None = None,
     ) -> CircleResult:
         """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
 
-        like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError
-        for readings that no ball link gives.
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap; run: the readings
+        of the laps, where these have but some of the rows. Raises FileError for readings that no ball link gives.
         """
         _hold(laps, baseline_mm, where)
-        run = reduced(laps)
+        run = run or reduced(laps)
 
         curve = curve_of(
             run, partial(angle_of_gauges, baseline_mm=baseline_mm), np.sqrt(2) / abs(baseline_mm), 0, like and like[0]
@@ -153,12 +186,12 @@ class AngleTest:
             return [curve.drawn(curves[0], turned, scale)]
 
         ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
-        count = len(laps.phi)
+        count = run.samples
         result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
@@ -232,3 +265,99 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+
+
+class CircleKind(Kind[CircleTable]):
+    """Yaw or roll."""
+
+    gauges = ("g1", "g2")
+    certified = ("g1", "g2", "ball")
+    swept = in_order_of_time = True
+    setup_terms = 5
+
+    def __init__(
+        self,
+        test: Literal["yaw", "roll"],
+        angle: AngleTest,
+        *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]],
+    ) -> None:
+        super().__init__(test)
+        self._test: Literal["yaw", "roll"] = test
+        self._angle, self.finders = angle, ((STAMPS, stamp_findings), *finders)
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
+        if direction is None:
+            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
+        u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
+        return CircleTable(self._test, direction, rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s)
+
+    def columns(self, table: CircleTable) -> Mapping[str, Array | Sequence[str]]:
+        gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
+        stamps = {"t_s": table.t_s, "direction": [table.direction] * len(table.t_s)}
+        return {**stamps, **joint_cells(table.q, rail=False), **gauges}
+
+    def readings(self, table: CircleTable) -> Array:
+        return table.g_mm
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[CircleTable, list[str]]:
+        if direction is None:
+            remedy = "give it one: rig relabel RUN --direction acw or cw"
+            raise FileError(where, "lacks a direction, which a circle needs", remedy)
+        return CircleTable(self._test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.array(circle_of(rig).centre_mm), np.zeros(2), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: CircleTable) -> Path:
+        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
+
+    def read(self, model: Model, table: CircleTable, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """The readings of both gauges (m, 2) mm."""
+        to_tool = scene.T[:, :3, 3] - setup.ball
+        circle = frame_of(circle_of(model.rig))
+        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
+        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
+        g_mm = readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
+        return gauged(model, path, scene, setup, g_mm)
+
+    def unit_findings(self, table: CircleTable, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        return impossible(circle_gauges(table, rig, T_tool))
+
+    def cannot_tell(self, table: CircleTable, rig: Rig) -> str:
+        return "" if rig.tests.circle else PLACE_UNKNOWN
+
+    def judged_joints(self, table: CircleTable, rig: Rig) -> Verdict:
+        return judged_by_path(table, rig)
+
+    def off_path(self, table: CircleTable, rig: Rig, T_tool: Array) -> Off | None:
+        return off_circle(T_tool, rig.tests.circle) if rig.tests.circle else None
+
+    def thinned(self, table: CircleTable, count: int) -> CircleTable:
+        if len(table.q) <= count:
+            return table
+        rows = slice(None, None, len(table.q) // count)
+        return CircleTable(table.test, table.direction, table.t_s[rows], table.q[rows], table.g_mm[rows])
+
+    def rows_used(self, table: CircleTable, rig: Rig, where: str) -> Integers:
+        return np.searchsorted(table.t_s, laps_of(table, rig, where).t_s)
+
+    def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
+        gauges = rig.gauges
+        if gauges.g2 is None:
+            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
+        laps = laps_of(table, rig, where)
+        lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
+        return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
+
+    def hold_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
+        """It has laps."""
+        laps_of(table, rig, where)
+
+    def direction(self, table: CircleTable) -> Direction:
+        return table.direction

@@ -16,19 +16,27 @@ expectation. The instrument's own errors are not in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring
+from analysis.conventions.lost_poses import DUPLICATES, WILDNESS, repeated_places, wild_places
+from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube_of, iso9283_of
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
+from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.quantity import Quantity
+from analysis.measures.result_curves import PathCurve
 from analysis.measures.scatter_figures import half_width
+from analysis.traces.csv_tables import Rows
+from analysis.traces.kind import Kind
+from analysis.traces.table_layout import PLACE, Layout
 from analysis.traces.tables import PathTable
+from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
+from rigs.schema.vocabulary import Direction
 
 CYCLES_ASKED, _CORNER_CYCLES = 10, 3
 """Cycles that ISO 9283 asks for, and of how many the corners' figures are the largest."""
@@ -51,6 +59,21 @@ class PathResult:
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
+
+    @property
+    def as_curve(self) -> PathCurve:
+        """The paths station by station."""
+        cube, parts = self.cube, list[tuple[Array, ...]]()
+        axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
+        names: list[str] = []
+        for name, one in self.driven.paths.items():
+            mean, many = one.off_mm.mean(axis=0), len(one.places) >= FEWEST_CYCLES
+            repeat = rp(np.swapaxes(one.off_mm, 0, 1)) if many else np.full(len(mean), np.nan)
+            place = (one.command.at(one.s_mm) - cube.centre_mm) @ axes.T
+            share = one.s_mm / one.command.length_mm
+            parts.append((one.s_mm, share, place, mean @ axes.T, np.linalg.norm(mean, axis=1), repeat))
+            names += [name] * len(mean)
+        return PathCurve(np.array(names), *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def evaluate(
@@ -200,3 +223,34 @@ def _of_speed(driven: float, stated: float | None) -> list[str]:
     return [
         f"the tool went at {driven:.3g} mm/s, and {ways}: check that t_s is in s, and path_speed_mm_s of the rig file"
     ]
+
+
+class Paths(Kind[PathTable]):
+    """The path test."""
+
+    in_order_of_time = True
+    without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
+    finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("t_s", *PLACE))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PathTable:
+        return PathTable(rows.floats("t_s"), rows.stack(PLACE))
+
+    def columns(self, table: PathTable) -> Mapping[str, Array]:
+        return {"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))}
+
+    def readings(self, table: PathTable) -> Array:
+        return table.xyz_mm
+
+    def evaluate(self, table: PathTable, rig: Rig, where: str, instruments: Instruments) -> PathResult:
+        declared = iso9283_of(rig)
+        return evaluate(table, cube_of(rig), declared.instrument, where, declared.path_speed_mm_s)
+
+    def hold_evaluable(self, table: PathTable, rig: Rig, where: str) -> None:
+        """It has paths of the cube."""
+        driven_paths(table, cube_of(rig), None, where)
+
+
+KIND = Paths("path")

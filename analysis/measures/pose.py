@@ -16,6 +16,7 @@ noise here: the standards' figures are what their formulas give.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -23,29 +24,52 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.conventions.lost_poses import without_lost
-from analysis.geometry.iso_cube import Cube
+from analysis.conventions.finding import Finding
+from analysis.conventions.joints import FEWEST, Verdict, judged_by_poses
+from analysis.conventions.lost_poses import (
+    DUPLICATES,
+    WILDNESS,
+    Far,
+    duplicate_findings,
+    far_poses,
+    wild_findings,
+    without_lost,
+)
+from analysis.conventions.off_path import Off, off_places
+from analysis.conventions.place import SOURCE, source_findings
+from analysis.conventions.units import UNITS, impossible, mirror_findings, rail_findings, tracker
+from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
-from analysis.kinematics.arm import Arm, Array, Integers, forward, transform, without_setup
+from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.kinematics.limits import impossible_rad, wrapped
 from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
+from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
+from analysis.measures.result_curves import PoseCurve
 from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.stops import PlaceKind
 from analysis.noise.cell import TARGET_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.table_layout import PLACE, RAIL, TURN, Layout, joint_columns
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
+from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
+TRACKER_U_MM = 0.02
+"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 _FEWEST = 6
 _FEW_POSES = 20
 """Poses of which a fit of frame and tool, nine numbers, takes a good part of the error. Chosen."""
@@ -70,6 +94,11 @@ class PoseResult:
     samples: int
     notes: tuple[str, ...]
     rows: Integers
+
+    @property
+    def as_curve(self) -> PoseCurve:
+        """The errors in the order of the table."""
+        return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation))
 
 
 def evaluate(
@@ -343,3 +372,82 @@ def _hold(table: PoseTable, where: str) -> None:
     if most := impossible_rad(table.q):
         angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")
+
+
+class Pose(PlaceKind[PoseTable]):
+    """The pose test."""
+
+    finders = ((SOURCE, source_findings), (WILDNESS, wild_findings), (DUPLICATES, duplicate_findings))
+    of_tracker = True
+    setup_terms, frame_terms = 9, 6
+    setup_words = "the places of the instrument and of its target on the tool"
+    assumed_sd_mm = 0.04
+    """UR10, two visits (Landgraf et al. 2021)."""
+    wild_spreads = 6.0
+    """As beside an arm whose constants are fitted (`analysis.conventions.lost_poses`)."""
+    joints_fit = "poses fit"
+    rows_called, away_from = "poses", "from where the arm was"
+    when_far = "check that the tracker had its target and that the robot stood"
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), TURN, TURN)
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PoseTable:
+        rpy = np.radians(rows.stack(TURN)) if rows.has(TURN) else None
+        return PoseTable(rows.with_rail(rows.q), rows.stack(PLACE), rpy, rail=rows.rail)
+
+    def columns(self, table: PoseTable) -> Mapping[str, Array]:
+        turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
+        return {**joint_cells(table.q, rail=table.rail), **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns}
+
+    def differs(self, table: PoseTable) -> Mask:
+        lost = (table.xyz_mm == 0).all(axis=1)
+        far = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1) > STANDS_MM
+        return np.asarray(far | lost[1:] | lost[:-1])
+
+    def averaged(self, table: PoseTable, first: Mask, mean: Callable[[Array], Array]) -> PoseTable:
+        rpy = None if table.rpy is None else _mean_turns(table.rpy, first)
+        return replace(super().averaged(table, first, mean), rpy=rpy, row=table.rows[first])
+
+    def unit_findings(self, table: PoseTable, rig: Rig, T_tool: Array) -> Iterator[Finding]:
+        yield from rail_findings(table, rig)
+        yield from mirror_findings(table, rig, UNITS)
+        yield from impossible(tracker(table, T_tool))
+
+    def cannot_tell(self, table: PoseTable, rig: Rig) -> str:
+        sound = int((table.xyz_mm != 0).any(axis=1).sum())
+        return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
+
+    def judged_joints(self, table: PoseTable, rig: Rig) -> Verdict:
+        return judged_by_poses(table, rig)
+
+    def off_path(self, table: PoseTable, rig: Rig, T_tool: Array) -> Off | None:
+        return off_places(T_tool, table.xyz_mm)
+
+    def evaluate(self, table: PoseTable, rig: Rig, where: str, instruments: Instruments) -> PoseResult:
+        iso = rig.tests.iso9283
+        cube = cube_of(rig) if iso and len(rig.robot.axes) == DRIVEN_AXES else None
+        return evaluate(
+            table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
+        )
+
+    def far(self, table: PoseTable, arm: Arm) -> Far:
+        return far_poses(table, without_setup(arm))
+
+    def lost(self, table: PoseTable) -> Mask:
+        """Places 0, 0, 0, as a tracker writes that lost its target."""
+        lost: Mask = (table.xyz_mm == 0).all(axis=1)
+        return lost
+
+
+def _mean_turns(rpy: Array, first: Mask) -> Array:
+    """Mean turns (s, 3) rad of rpy (n, 3) rad over each stand, which begins at the rows first (n,)."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    means, stand = rpy[first].copy(), np.cumsum(first) - 1
+    for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
+        means[number] = Rotation.from_euler("xyz", rpy[stand == number]).mean().as_euler("xyz")
+    return means
+
+
+KIND = Pose("pose")

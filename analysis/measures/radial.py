@@ -15,24 +15,36 @@ both ends (JCGM 101, 6.4.6).
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.geometry.programs import hemisphere_of
+from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
+from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
+from analysis.measures.result_curves import RadialCurve
 from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
 from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
+from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
+from analysis.noise.certificate import link_excess_mm
 from analysis.noise.resolution import step_of_stops
 from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.traces.align import Aligned
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.dwells import radial_table
+from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RadialTable
 from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
 from rigs.text import listed
 
 _FEWEST = 6
@@ -96,6 +108,13 @@ class RadialResult:
         """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
         away: Array = np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius
         return away
+
+    @property
+    def as_curve(self) -> RadialCurve:
+        """The targets, in order of their numbers."""
+        x, y, z = self.cells.direction.T
+        polar_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0))), np.degrees(np.arctan2(y, x))
+        return RadialCurve(self.cells.target, polar_deg, azimuth_deg, self.deviation_mm, self.spread_mm, self.used)
 
 
 def evaluate(
@@ -298,3 +317,49 @@ def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
             f"a reading of {np.abs(table.g_mm).max():g} mm is too large for a radius of {radius_mm:g} mm",
             "give g1_mm as the distance less the link's set length",
         )
+
+
+class Radial(TargetKind[RadialTable]):
+    """The radial test."""
+
+    certified = ("g1", "ball", "link")
+
+    def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
+        """The angles (n,) rad of the table."""
+        return table.polar, table.azimuth
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RadialTable:
+        polar, azimuth = (np.radians(rows.floats(name)) for name in ("polar_deg", "azimuth_deg"))
+        target, orientation = rows.counts("target"), rows.counts("orientation")
+        return RadialTable(target, polar, azimuth, orientation, rows.times(), rows.q, rows.floats("g1_mm"))
+
+    def columns(self, table: RadialTable) -> Mapping[str, Array | Integers]:
+        place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
+        first = {"target": table.target, **place, "orientation": table.orientation}
+        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
+
+    def differs(self, table: RadialTable) -> Mask:
+        return another_visit(table, np.stack([table.target, table.orientation], axis=1))
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[RadialTable, list[str]]:
+        """The stands at targets, with what the link is longer than the radius by its certificate."""
+        table, doubts = radial_table(data, rig, where)
+        return replace(table, g_mm=table.g_mm + link_excess_mm(rig)), doubts
+
+    def evaluate(self, table: RadialTable, rig: Rig, where: str, instruments: Instruments) -> RadialResult:
+        hold_targets(table, rig, where)
+        hemisphere, u_mm = hemisphere_of(rig), instruments.u_mm(rig)
+        expected = range(1, target_count(hemisphere) + 1)
+        orientations = hemisphere.orientations
+        return evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations)
+
+    def visits(self, table: RadialTable) -> Integers:
+        return np.stack([table.target, table.orientation], axis=1)
+
+
+KIND = Radial("radial")

@@ -37,12 +37,13 @@ _BLOCK = 1 << 17
 @dataclass(frozen=True)
 class Reduced:
     """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
-    is; rows: in a lap; readings: in a lap, of the gauge that repeats itself most, that differ from the one before;
-    rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it; blur: standard
-    deviation, rad, of where rows fell by their own times."""
+    is; samples: rows of all laps; rows: in a lap, without wild ones; readings: in a lap, of the gauge that repeats
+    itself most, that differ from the one before; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and
+    the noise beneath it; blur: standard deviation, rad, of where rows fell by their own times."""
 
     g_mm: Array
     order: Integers
+    samples: int
     rows: float
     readings: float
     lap_s: float
@@ -54,67 +55,147 @@ class Reduced:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class HatSums:
+    """Sums over the rows of each lap beside each node, (L, NODES): before, between and beyond of the products of both
+    hat functions; near, far (k, L, NODES): of the readings of each gauge by the one and the other."""
+
+    before: Array
+    between: Array
+    beyond: Array
+    near: Array
+    far: Array
+
+    @property
+    def rows(self) -> Array:
+        """How many rows (L, NODES) these are."""
+        return self.before + 2 * self.between + self.beyond
+
+    def without(self, odd: Mask) -> HatSums:
+        """The same sums without the rows behind some nodes (L, NODES)."""
+        return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
+
+    def lines(self, rounds: int = 2 * NODES) -> Array:
+        """The closed broken lines (L, NODES, k) through NODES that fit the readings best, lap by lap, as smooth
+        curves; some thirty rounds find them where every node has rows."""
+        pull = self.near + np.roll(self.far, 1, axis=2)
+        lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
+        smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
+        nodes: Array = np.moveaxis(smooth, 0, 2)
+        return nodes
+
+
+@dataclass(frozen=True)
+class LapRows:
+    """What all rows of a run's laps come to. hats: of the rows that are not wild, less the waves `base` (5, k); count:
+    of all rows; wild, changed (k): rows of each gauge that are wild, and that differ from the one before; range_mm,
+    step_mm, noise_mm (k): of each gauge."""
+
+    hats: HatSums
+    base: Array
+    count: int
+    wild: tuple[int, ...]
+    changed: tuple[int, ...]
+    range_mm: tuple[float, ...]
+    step_mm: tuple[float, ...]
+    noise_mm: tuple[float, ...]
+
+
 def reduced(laps: Laps) -> Reduced:
     """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
-    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
-    base = np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
-    rough = _less_base(laps.phi, laps.g_mm, base)
-    wild = np.array([is_wild(column) for column in rough.T])
-    keep: Mask = ~np.any(wild, axis=0)
+    base = base_of(laps)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
-    nodes = _broken_lines(laps.phi, rough, lap, keep)
+    rough = _less_base(laps.phi, laps.g_mm, base)
+    wild = wild_of(laps.phi, rough, lap)
+    hats = _hat_sums(laps.phi, rough, lap, ~np.any(wild, axis=0))
+    steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
+    beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
+    changed = tuple(int(np.count_nonzero(g_mm[1:] != g_mm[:-1])) for g_mm in laps.g_mm.T)
+    ranges = tuple(float(np.ptp(column)) for column in laps.g_mm.T)
+    counts = tuple(int(count) for count in wild.sum(axis=1))
+    return of_rows(laps, LapRows(hats, base, len(laps.phi), counts, changed, ranges, steps, beneath))
+
+
+def base_of(laps: Laps) -> Array:
+    """Level and the first two orders (5, k) of the readings, which the broken lines need not follow."""
+    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
+    return np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+
+
+def slopes_of(base: Array) -> list[Array]:
+    """The Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by the share of the
+    way to the next."""
+    step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
+    derived = np.zeros((5, 5))
+    derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2
+    for order in range(1, 4):
+        base = derived @ base * (step / order)
+        slopes.append(_waves(PHI) @ base)
+    return slopes
+
+
+def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
+    """Which of readings rough (n, k) at phi (n,) rad of laps counted from 0 are wild, (k, n). rounds: of finding lines;
+    of a part of a lap few are enough, since between its nodes no others matter."""
+    wild = np.array([is_wild(column) for column in rough.T])
     if wild.any():  # where there are some, others may have come too many in a row to leave their neighbours
-        wild |= _off_the_line(laps.phi, rough, lap, nodes)
-        keep = ~np.any(wild, axis=0)
-        nodes = _broken_lines(laps.phi, rough, lap, keep)
-    nodes += _waves(PHI) @ base
+        wild |= _off_the_line(phi, rough, lap, _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds))
+    return wild
+
+
+def of_rows(laps: Laps, rows: LapRows) -> Reduced:
+    """The readings at NODES circle angles of laps whose rows came to this."""
+    added = _waves(PHI) @ rows.base
+    hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
     if odd.any():
-        left = np.floor(laps.phi % (2 * np.pi) * (NODES / (2 * np.pi))).astype(np.int64) % NODES
-        burst = keep & odd[lap, left]
-        nodes = _broken_lines(laps.phi, rough, lap, keep & ~burst) + _waves(PHI) @ base
+        nodes = hats.without(odd).lines() + added
         nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
     order = _driven(laps)
     nodes, notes = _steady(nodes[:, order])
     if odd.any():
-        notes = (
-            f"{int(burst.sum())} readings beside bursts of wild readings are left out: the other laps replace them",
-            *notes,
-        )
-    steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
-    beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
-    notes = (*_coarse(laps.g_mm, steps), *notes)
-    if wild.any():
-        notes = (f"wild readings are left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
-    rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
-    rows = float(keep.sum()) / laps.count
-    readings = min(np.count_nonzero(g_mm[1:] != g_mm[:-1]) for g_mm in laps.g_mm.T) / laps.count
-    blur = abs(rate) * laps.u_t_s
-    return Reduced(nodes, order, rows, readings, laps.lap_s, laps.apart_s, rate, steps, beneath, blur, notes)
+        burst = round(float(hats.rows[odd].sum()))
+        notes = (f"{burst} readings beside bursts of wild readings are left out: the other laps replace them", *notes)
+    notes = (*_coarse(rows.range_mm, rows.step_mm), *notes)
+    if any(rows.wild):
+        wild = f"wild readings are left out: {', '.join(map(str, rows.wild))} of {rows.count} (g1, g2)"
+        notes = (wild, *notes)
+    return Reduced(
+        nodes,
+        order,
+        rows.count,
+        round(float(hats.rows.sum())) / laps.count,
+        min(rows.changed) / laps.count,
+        laps.lap_s,
+        laps.apart_s,
+        rate := SENSE[laps.direction] * 2 * np.pi / laps.lap_s,
+        rows.step_mm,
+        rows.noise_mm,
+        abs(rate) * laps.u_t_s,
+        notes,
+    )
 
 
 def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask:
     """Which readings rough (n, k) leave the broken lines (L, NODES, k) through all, (k, n), and by more than a line
     changes there, as where a play is crossed."""
-    place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
-    left = np.floor(place).astype(np.int64) % NODES
-    share = place % 1.0
+    node, share = place_of(phi)
     wild = np.zeros(rough.shape[::-1], dtype=bool)
     for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
-        line = of_gauge[lap, left] * (1 - share) + of_gauge[lap, (left + 1) % NODES] * share
+        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
         away = np.abs(rough[:, k] - line)
         change = np.stack([changes(one) for one in of_gauge])
-        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, left])
+        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
     return wild
 
 
-def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
-    """Which gauges (n, k) mm read in steps too coarse for how far they move, in words."""
+def _coarse(ranges_mm: Sequence[float], steps: Sequence[float]) -> tuple[str, ...]:
+    """Which gauges read in steps too coarse for how far they move, in words."""
     return tuple(
-        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * np.ptp(column):.3g} µm only, which is too "
+        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too "
         "coarse to show the curve: use a finer gauge or set its resolution"
-        for k, (column, step) in enumerate(zip(g_mm.T, steps, strict=True), start=1)
-        if np.ptp(column) < _COARSEST * step
+        for k, (moves, step) in enumerate(zip(ranges_mm, steps, strict=True), start=1)
+        if moves < _COARSEST * step
     )
 
 
@@ -123,7 +204,7 @@ def nodes_of(phi: Array, y: Array) -> Array:
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
-    nodes: Array = (_broken_lines(phi, rough, once, all_rows)[0] + _waves(PHI) @ base)[:, 0]
+    nodes: Array = (_hat_sums(phi, rough, once, all_rows).lines()[0] + _waves(PHI) @ base)[:, 0]
     return nodes
 
 
@@ -141,40 +222,38 @@ def _less_base(phi: Array, values: Array, base: Array) -> Array:
     return left
 
 
-def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask) -> Array:
-    """The closed broken lines (L, NODES, k) through NODES that fit values (n, k) best, lap by lap, as smooth curves.
-
-    The normal equations of hat functions are summed over blocks of rows.
-    """
+def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
+    """The sums of those of values (n, k) at phi (n,) rad that are kept, lap by lap; over blocks of rows."""
     count = int(lap.max()) + 1
     beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
     pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
     for begin in range(0, len(phi), _BLOCK):
         rows = begin + np.flatnonzero(keep[begin : begin + _BLOCK])
-        place = phi[rows] % (2 * np.pi) * (NODES / (2 * np.pi))
-        left = np.floor(place)
-        share = place - left
-        at = lap[rows] * NODES + left.astype(np.int64) % NODES
+        cell, share = place_of(phi[rows])
+        at = lap[rows] * NODES + cell
         before += np.bincount(at, (1 - share) ** 2, len(before))
         between += np.bincount(at, share * (1 - share), len(before))
         beyond += np.bincount(at, share**2, len(before))
         for k, column in enumerate(values[rows].T):
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
-    shape = (values.shape[1], count, NODES)
-    pull = pull_left.reshape(shape) + np.roll(pull_right.reshape(shape), 1, axis=2)
-    diagonals = before.reshape(count, NODES) + np.roll(beyond.reshape(count, NODES), 1, axis=1)
-    lines = _solved(diagonals, between.reshape(count, NODES), pull)
-    smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
-    nodes: Array = np.moveaxis(smooth, 0, 2)
-    return nodes
+    shape = (-1, count, NODES)
+    before, between, beyond = (values.reshape(count, NODES) for values in (before, between, beyond))
+    return HatSums(before, between, beyond, pull_left.reshape(shape), pull_right.reshape(shape))
 
 
-def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
+def place_of(phi: Array) -> tuple[Integers, Array]:
+    """The node (n,) behind which each circle angle (n,) rad is, and its share (n,) of the way to the next."""
+    place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
+    node = np.floor(place)
+    return node.astype(np.int64) % NODES, place - node
+
+
+def _solved(diagonal: Array, beside: Array, pull: Array, rounds: int) -> Array:
     """The broken lines (k, L, NODES) of cyclic normal equations, a little stiff, so that a node without rows is
     bridged.
 
-    By conjugate gradients (Hestenes and Stiefel 1952): some thirty steps where every node has rows.
+    By conjugate gradients (Hestenes and Stiefel 1952), so many steps at the most.
     """
     stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
     scale = 1 / (diagonal + 6 * stiff)
@@ -190,7 +269,7 @@ def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
     way = scale * left
     size = (left * way).sum(axis=-1, keepdims=True)
     enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
-    for _ in range(2 * NODES):
+    for _ in range(rounds):
         if (size <= enough).all():
             break
         moved = normal(way)

@@ -9,21 +9,35 @@ number of readings and targets. The largest of ranges grows with both; 4 s does 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.geometry.programs import beside, hemisphere_of, repeatability_of
+from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.checks import hold_alive, hold_numbers
+from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
+from analysis.measures.result_curves import RepeatabilityCurve
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
+from analysis.model.predict import Model, Path, stops
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.resolution import step_of_stops
 from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
+from analysis.traces.align import Aligned
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.dwells import repeatability_table
+from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
 from rigs.text import listed
 
 SIDES = ("out", "in")
@@ -38,6 +52,13 @@ class RepeatabilityResult:
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
+
+    @property
+    def as_curve(self) -> RepeatabilityCurve:
+        """The readings by target, approach and time."""
+        target, side, visit = np.nonzero(np.isfinite(self.readings_mm))
+        readings_mm = self.readings_mm[target, side, visit]
+        return RepeatabilityCurve(self.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
 
 
 def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> RepeatabilityResult:
@@ -144,3 +165,58 @@ def _hold(table: RepeatabilityTable, where: str) -> None:
         raise FileError(
             where, f"approach {other[0]!r} is not a side", "write out, in or none, the side that the tool came from"
         )
+
+
+class Repeatability(TargetKind[RepeatabilityTable]):
+    """The repeatability test."""
+
+    certified = ("g1", "ball")
+
+    def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
+        """The angles (n,) rad of the targets of its numbers."""
+        polar, azimuth = target_angles(hemisphere)
+        if table.target.min() < 1 or table.target.max() > len(polar):
+            return None
+        return polar[table.target - 1], azimuth[table.target - 1]
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RepeatabilityTable:
+        labels = rows.counts("target"), rows.words("approach"), rows.counts("round")
+        return RepeatabilityTable(*labels, rows.times(), rows.q, rows.floats("g1_mm"))
+
+    def columns(self, table: RepeatabilityTable) -> Mapping[str, Array | Integers | Sequence[str]]:
+        first = {"target": table.target, "approach": table.approach.tolist(), "round": table.round}
+        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
+
+    def differs(self, table: RepeatabilityTable) -> Mask:
+        side = np.unique(table.approach, return_inverse=True)[1]
+        return another_visit(table, np.stack([table.target, side, table.round], axis=1))
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[RepeatabilityTable, list[str]]:
+        return repeatability_table(data, rig, where)
+
+    def path(self, model: Model, table: RepeatabilityTable) -> Path:
+        """The stops at targets, each from outside, from inside, or from the target itself where that is unknown."""
+        hemisphere = hemisphere_of(model.rig)
+        polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
+        side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
+        away = (side * repeatability_of(model.rig).approach_mm)[:, None]
+        came_from = beside(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
+        return stops(table.q, table.t_s, came_from)
+
+    def evaluate(
+        self, table: RepeatabilityTable, rig: Rig, where: str, instruments: Instruments
+    ) -> RepeatabilityResult:
+        hold_targets(table, rig, where)
+        return evaluate(table, instruments.u_mm(rig), where)
+
+    def visits(self, table: RepeatabilityTable) -> Integers:
+        side = np.select([table.approach == "out", table.approach == "in"], [1, 2], 0)
+        return np.stack([table.target, side], axis=1)
+
+
+KIND = Repeatability("repeatability")

@@ -12,15 +12,6 @@ from analysis.frames import Tabular
 from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
-from analysis.measures.evaluate import Evaluated
-from analysis.measures.iso_figures import FEWEST_CYCLES, rp
-from analysis.measures.link_angle import CircleResult, error_of
-from analysis.measures.path import PathResult
-from analysis.measures.pose import PoseResult
-from analysis.measures.radial import RadialResult
-from analysis.measures.reduction import PHI
-from analysis.measures.repeatability import SIDES, RepeatabilityResult
-from analysis.measures.touch import TouchResult
 from rigs.rig import Rig
 
 
@@ -136,60 +127,6 @@ class PathCurve(Tabular):
 
 
 ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathCurve
-
-
-def curve_of_result(found: Evaluated) -> ResultCurve:
-    """The curve or points of an evaluated run."""
-    match found:
-        case CircleResult():
-            return _of_circle(found)
-        case RadialResult():
-            x, y, z = found.cells.direction.T
-            polar_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0)))
-            azimuth_deg = np.degrees(np.arctan2(y, x))
-            target = found.cells.target
-            return RadialCurve(target, polar_deg, azimuth_deg, found.deviation_mm, found.spread_mm, found.used)
-        case RepeatabilityResult():
-            return _of_repeatability(found)
-        case PoseResult():
-            rotation_deg = None if found.rotation is None else np.degrees(found.rotation)
-            return PoseCurve(found.position_mm, rotation_deg)
-        case TouchResult():
-            return PoseCurve(found.position_mm, None)
-        case PathResult():
-            return _of_paths(found)
-
-
-def _of_circle(found: CircleResult) -> CircleCurve:
-    error, _ = error_of(found.curve.errors)
-    return CircleCurve(
-        phi_deg=np.degrees(PHI),
-        angle_deg=np.degrees(found.angle),
-        error_deg=np.degrees(found.residual),
-        error_u_deg=np.degrees(error.std(axis=0)),
-        deviation_mm=found.distance.deviation_mm,
-    )
-
-
-def _of_paths(found: PathResult) -> PathCurve:
-    cube, parts = found.cube, list[tuple[Array, ...]]()
-    axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
-    names: list[str] = []
-    for name, one in found.driven.paths.items():
-        mean, many = one.off_mm.mean(axis=0), len(one.places) >= FEWEST_CYCLES
-        repeat = rp(np.swapaxes(one.off_mm, 0, 1)) if many else np.full(len(mean), np.nan)
-        place = (one.command.at(one.s_mm) - cube.centre_mm) @ axes.T
-        parts.append(
-            (one.s_mm, one.s_mm / one.command.length_mm, place, mean @ axes.T, np.linalg.norm(mean, axis=1), repeat)
-        )
-        names += [name] * len(mean)
-    return PathCurve(np.array(names), *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-def _of_repeatability(found: RepeatabilityResult) -> RepeatabilityCurve:
-    target, side, visit = np.nonzero(np.isfinite(found.readings_mm))
-    readings_mm = found.readings_mm[target, side, visit]
-    return RepeatabilityCurve(found.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,18 @@ from weakref import WeakValueDictionary
 
 import pyarrow as pa
 
+from analysis.batch.fetched import fetched
 from analysis.conventions.check import doubts_of
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
+from analysis.measures.long_circle import long_circle
 from analysis.measures.quantity import Quantity
-from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
+from analysis.measures.reduction import Reduced
+from analysis.measures.result_curves import JointReversal, ResultCurve, reversals_of_rig
 from analysis.noise.spectrum import LapNoise
-from analysis.traces.loading import Measured, load_measured
+from analysis.traces.loading import Measured, load_measured, measured_in
 from analysis.traces.tables import CircleTable
 
 
@@ -35,7 +38,7 @@ class Result(Tabular):
     @cached_property
     def curve(self) -> ResultCurve:
         """The curve or the points behind the figures, in degrees and mm."""
-        return curve_of_result(self.found)
+        return self.found.as_curve
 
     @cached_property
     def reversals(self) -> tuple[JointReversal, ...]:
@@ -143,13 +146,21 @@ def read_and_evaluated(path: Path) -> Result:
 
 def figures_alone(path: Path) -> Result:
     """The result of a run directory without its rows, which many runs are kept as. Raises FileError."""
-    return read_and_evaluated(path).without_rows
+    return _alone(path, None)
 
 
 def figures_again(borrower: Borrower) -> tuple[int, Result]:
     """The place of a run that is read again, and its result, without its rows, with the noise of another. Raises
     FileError."""
-    return borrower.place, result_of(load_measured(borrower.measured.path), borrower.noise).without_rows
+    return borrower.place, _alone(borrower.measured.path, borrower.noise)
+
+
+def _alone(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
+    """The result of a run directory without its rows, of a long circle from its parts."""
+    with fetched(path) as directory:
+        in_parts = long_circle(directory, path)
+        measured, reduced = in_parts or (measured_in(directory, path), None)
+    return _evaluated(measured, like, reduced).without_rows
 
 
 def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
@@ -187,9 +198,10 @@ _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
 """The results that somebody holds, by the identity of their run, which each of them holds."""
 
 
-def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None) -> Result:
-    """Evaluate a run. Raises FileError."""
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), like=like)
+def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
+    """Evaluate a run; reduced: the readings of all rows, where its table has but some of them. Raises FileError."""
+    where = str(measured.path)
+    found = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
         # The angle and the distance both show where the ball is; robot errors make them differ.

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, error_of
+from analysis.measures.link_angle import SINE, AngleTest, CircleKind, CircleResult, Measure, eccentricities, error_of
 from analysis.measures.reduction import PHI
 
 _CLEAR_MM = 0.2
@@ -61,3 +61,6 @@ MEASURES = (
 )
 _TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
+
+
+KIND = CircleKind("roll", _TEST)

@@ -11,24 +11,33 @@ that what is left of the touches counts as noise for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.conventions.lost_poses import far_touches, left_out
+from analysis.conventions.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
+from analysis.conventions.off_path import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
-from analysis.kinematics.arm import Array, Integers, forward
+from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.kinematics.limits import impossible_rad
 from analysis.measures.checks import hold_numbers
+from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
-from analysis.model.predict import Model, moved, path_of
+from analysis.measures.result_curves import PoseCurve
+from analysis.measures.stops import PlaceKind
+from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.spectrum import DRAWS
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
 from analysis.traces.tables import TouchTable
 from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
 
 SEAT_MM = 0.01
 """Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
@@ -62,6 +71,11 @@ class TouchResult:
     samples: int
     notes: tuple[str, ...]
     rows: Integers
+
+    @property
+    def as_curve(self) -> PoseCurve:
+        """The errors in the order of the table."""
+        return PoseCurve(self.position_mm, None)
 
 
 def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
@@ -163,3 +177,79 @@ def _alone(names: Sequence[str], socket: Integers) -> tuple[str, ...]:
     """What to say of sockets that were touched once, which show nothing."""
     once = [name for number, name in enumerate(names) if np.count_nonzero(socket == number) < 2]
     return (f"{', '.join(once)} touched once only, which shows nothing: touch each in many postures",) if once else ()
+
+
+class Touch(PlaceKind[TouchTable]):
+    """The touch test."""
+
+    finders = ((WILDNESS, wild_touches),)
+    constants_apart = True
+    setup_terms, frame_terms = 6, 3
+    setup_words = "the places of the sockets and of the ball on the tool"
+    assumed_sd_mm = 0.1
+    """A ball is seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm of two Pandas and
+    an iiwa (Franzese et al., MUKCa, 2024). The readings say how much less or more it is; a search that begins with too
+    little explains scatter by the arm."""
+    never_twice = (
+        "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
+        "touch some postures again to measure it"
+    )
+    rows_called, away_from = "touches", "from its socket"
+    when_far = "check that the ball was seated when the joints were read"
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        came_from = came_from_columns(axes)
+        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), came_from)
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> TouchTable:
+        """The touches of a file; a rail of which it is not said comes from where it stands."""
+        names, came_from = came_from_columns(rows.axes), None
+        if rows.has(names):
+            came_from = rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
+        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from, rail=rows.rail)
+
+    def columns(self, table: TouchTable) -> Mapping[str, Array | Sequence[str]]:
+        came: dict[str, Array] = {}
+        if table.came_from is not None:
+            came = joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)
+        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came}
+
+    def setup(self, rig: Rig) -> SetUp:
+        setup = super().setup(rig)
+        if rig.tests.touch:
+            setup.T_tool_target[:3, 3] = rig.tests.touch.ball_mm
+        return setup
+
+    def path(self, model: Model, table: TouchTable) -> Path:
+        return stops(table.q, came_from=table.came_from)
+
+    def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
+        return "a touch has no place of its own"
+
+    def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> Off | None:
+        return off_sockets(T_tool, table.socket)
+
+    def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
+        return evaluate(table, model_of(rig), where)
+
+    def parts(self, table: TouchTable) -> NDArray[np.str_]:
+        return table.socket
+
+    def sides_known(self, table: TouchTable) -> bool:
+        return table.came_from is not None
+
+    def far(self, table: TouchTable, arm: Arm) -> Far:
+        return far_touches(table, forward(arm, table.q))
+
+    def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
+        """Distances of sockets that are known otherwise; of a few touches they have no places."""
+        declared = model.rig.tests.touch
+        if declared is None or not declared.distances:
+            return ()
+        try:
+            return known_otherwise(evaluate(table, model, where).distances)
+        except FileError:
+            return ()
+
+
+KIND = Touch("touch")

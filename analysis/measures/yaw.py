@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.conventions.gauge_order import ORDER, order_findings
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
+from analysis.measures.link_angle import SINE, AngleTest, CircleKind, CircleResult, Measure, eccentricities, sine_of
 
 _APART_MM = 0.2
 _APART = 0.5
@@ -49,3 +50,6 @@ MEASURES = (
 )
 _TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
+
+
+KIND = CircleKind("yaw", _TEST, (ORDER, order_findings))

@@ -18,15 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import frame_of
-from analysis.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.geometry.programs import beside, circle_of, hemisphere_of, repeatability_of
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.model.gravity import Load, load_of
 from analysis.model.hysteresis import Motion
 from analysis.model.scene import Scene, apply
-from analysis.traces.tables import CircleTable, PlaceTable, RepeatabilityTable, Table, TouchTable
+from analysis.traces.tables import Table
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES
@@ -94,46 +90,25 @@ def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
 
 def nominal_setup(rig: Rig, table: Table) -> SetUp:
     """Ball in the nominal centre, gauges at zero, instrument in the world's frame."""
-    if isinstance(table, CircleTable):
-        ball = np.array(circle_of(rig).centre_mm)
-    elif isinstance(table, PlaceTable):
-        ball = np.zeros(3)
-    else:
-        ball = np.array(hemisphere_of(rig).centre_mm)
-    gauges = 2 if isinstance(table, CircleTable) else 1
-    target = np.eye(4)
-    if isinstance(table, TouchTable) and rig.tests.touch:
-        target[:3, 3] = rig.tests.touch.ball_mm
-    return SetUp(ball, np.zeros(gauges), np.eye(4), target)
+    return table.kind.setup(rig)
 
 
 def path_of(model: Model, table: Table) -> Path:
     """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
-    if isinstance(table, CircleTable):
-        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
-    t_s = np.zeros(len(table.q)) if isinstance(table, PlaceTable) else table.t_s
-    came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable | TouchTable) else None
-    steady = len(t_s) < 2 or np.diff(t_s).min() <= 0
-    t = _VISIT_S * np.arange(1.0, len(table.q) + 1) if steady else t_s
+    return table.kind.path(model, table)
+
+
+def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
+    """The motion of a robot that stands at each reading, at joints q (n, axes) rad and, where they are known, times t_s
+    (n,) s; came_from (n, axes) rad: where the joints were before, None where each comes from the reading before."""
+    t = _VISIT_S * np.arange(1.0, len(q) + 1) if t_s is None or len(t_s) < 2 or np.diff(t_s).min() <= 0 else t_s
     beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
-    places = [table.q] * 3 if came_from is None else [came_from, table.q, table.q, table.q]
+    places = [q] * 3 if came_from is None else [came_from, q, q, q]
     times = np.array([-0.3, 0.0, 0.3] if came_from is None else [-0.5, -0.3, 0.0, 0.3]) * beat
     count = len(places)
     path_t = (t[:, None] + times).ravel()
-    path_q = np.stack(places, axis=1).reshape(-1, table.q.shape[1])
-    return Path(Motion(path_t, path_q), count * np.arange(len(table.q)) + count - 2, stands=True)
-
-
-def _came_from(model: Model, table: RepeatabilityTable | TouchTable) -> Array | None:
-    """Where the joints were (m, axes) before each reading; of targets outside, inside, or at the target where this is
-    unknown."""
-    if isinstance(table, TouchTable):
-        return table.came_from
-    frame = hemisphere_frame(hemisphere_of(model.rig))
-    polar, azimuth = target_angles(hemisphere_of(model.rig))
-    radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])
-    side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
-    return beside(model.arm, table.q, (side * repeatability_of(model.rig).approach_mm)[:, None] * radius)
+    path_q = np.stack(places, axis=1).reshape(-1, q.shape[1])
+    return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
 
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
@@ -144,21 +119,11 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
     """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
     changes moves the tool."""
-    if isinstance(table, PlaceTable):
-        T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
-        return T.reshape(-1, 16)
-    to_tool = scene.T[:, :3, 3] - setup.ball
-    if isinstance(table, CircleTable):
-        circle = frame_of(circle_of(model.rig))
-        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
-        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
-        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
-        g_mm = readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
-    else:
-        sphere = hemisphere_frame(hemisphere_of(model.rig))
-        contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
-        scene = apply(model.effects, "setup", replace(scene, contact=contact))
-        g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
+    return table.kind.read(model, table, path, scene, setup)
+
+
+def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:
+    """Readings (m, k) mm of gauges whose plungers stand at g_mm (n, k) mm, zeros and errors of the gauges with them."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
     return scene.g_mm if path.alone else scene.g_mm[path.rows]
 

@@ -8,8 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from analysis.kinematics.arm import RAIL_MM, Arm, Array, blocks, link_columns, rail_frame, rail_mm
-from analysis.model.gravity import Load, torques
+from analysis.kinematics.arm import RAIL_MM, Arm, Array, base_places, blocks, link_columns, rail_frame, rail_mm
+from analysis.model.gravity import Load, pull
 from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
 from rigs.schema.scene import Stage
@@ -74,7 +74,11 @@ class Scene:
 
     def torques(self, payload_kg: float = 0.0) -> Array:
         """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange."""
-        return torques(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q)
+        return pull(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q).torque
+
+    def moment(self) -> Array:
+        """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""
+        return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
         """Place (n, 3) mm of a joint (from 1), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
@@ -110,6 +114,23 @@ class Scene:
             return self
         offset = rail_frame(self.arm) @ error_mm_m / RAIL_MM
         return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
+
+    def tilted(self, turn: Array, below_mm: float) -> Scene:
+        """The whole arm turned by rotation vectors (n, 3) rad in the axes of its base, about the point that lies so far
+        below the origin of the base."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
+
+        R_base = self.arm.T_world_base[:3, :3]
+        R = Rotation.from_rotvec(turn @ R_base.T).as_matrix()
+        pivot = base_places(self.arm, self.q[: len(self.T)]) - below_mm * R_base[:, 2]
+        T = self.T.copy()
+        T[:, :3, :3] = R @ self.T[:, :3, :3]
+        T[:, :3, 3] = pivot + np.einsum("nij,nj->ni", R, self.T[:, :3, 3] - pivot)
+        return replace(self, T=T)
+
+    def raised(self, height_mm: Array) -> Scene:
+        """The whole arm moved along the z of its base by (n,) mm."""
+        return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
 
     def shifted(self, offset_mm: Array) -> Scene:
         """The tool moved by (n, 3) mm in the world."""

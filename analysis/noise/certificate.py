@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,28 +71,37 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
     return shown
 
 
-def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, list[str]]:
-    """Return the corrected readings (n, k) mm of the gauges `names`, and doubts about them.
+def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, dict[str, int]]:
+    """Return the corrected readings (n, k) mm of the gauges `names`, and how many of each lie beyond its certificate.
 
     Given and returned they grow with the distance from the ball; a certificate is of what the gauge shows.
     """
-    gauges, doubts = dict(rig.gauges), []
+    gauges, beyond = dict(rig.gauges), {}
     certified = [(column, name, held) for column, name in enumerate(names) if (held := gauges[name].certificate)]
     if certified:
         g_mm = g_mm.copy()
     for column, name, certificate in certified:
+        sign = gauges[name].sign
         if certificate.valid_mm is not None:
             low, high = certificate.valid_mm
-            shown_mm = gauges[name].sign * g_mm[:, column]
-            beyond = int(np.count_nonzero((shown_mm < low) | (shown_mm > high)))
-            if beyond:
-                doubts.append(
-                    f"{name}: {beyond} of {len(g_mm)} readings lie beyond the {low:g} to {high:g} mm of its "
-                    f"certificate {certificate.number}; they are corrected as at its end"
-                )
-        sign = gauges[name].sign
+            shown_mm = sign * g_mm[:, column]
+            beyond[name] = int(np.count_nonzero((shown_mm < low) | (shown_mm > high)))
         g_mm[:, column] = sign * corrected(certificate, sign * g_mm[:, column], rig.temperature)
-    return g_mm, doubts
+    return g_mm, beyond
+
+
+def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[str]:
+    """Return doubts about so many of the rows of each gauge, which lie beyond its certificate."""
+    doubts, gauges = [], dict(rig.gauges)
+    for name, count in beyond.items():
+        certificate = gauges[name].certificate
+        if count and certificate and certificate.valid_mm:
+            low, high = certificate.valid_mm
+            doubts.append(
+                f"{name}: {count} of {rows} readings lie beyond the {low:g} to {high:g} mm of its "
+                f"certificate {certificate.number}; they are corrected as at its end"
+            )
+    return doubts
 
 
 def link_excess_mm(rig: Rig) -> float:

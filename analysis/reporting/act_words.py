@@ -48,8 +48,12 @@ class ActWords:
             return self._measure(act)
         if act.effect is None:
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
+            if act.command[:1] == ("diagnose",):
+                keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
         axis = getattr(act.effect, "axis", None)
         size = size_field(act.effect)
         return texts(

@@ -17,7 +17,7 @@ from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Dia
 from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
-from rigs.schema.effect import whole_order
+from rigs.schema.effect import name_of, whole_order
 
 SMALL_SHARE = 0.001
 """Share of the error below which parts that are not unusual are counted together."""
@@ -140,7 +140,7 @@ class AnswerWords:
 
     def noun(self, effect: Effect) -> str:
         """An effect as a person says it within a sentence."""
-        words = self.texts.nouns.get(effect.effect)
+        words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
         if words is None:
             return plain(self.diagnosis.rig, effect)
         axis = getattr(effect, "axis", None)

@@ -14,15 +14,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.constants import CONSTANTS, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
-from analysis.correction.programs.numbers import with_remark
 from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import Support
+from analysis.correction.support import CONSTANTS, Support, corrected_table
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
+from analysis.makers import maker_by
+from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note
@@ -300,5 +300,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
                 raise FileError(
                     name, "would be written twice", "correct programs of one name into directories of their own"
                 )
-            files[name] = holding(with_remark(name, data, ANYWAY) if why else data)
+            files[name] = holding(
+                with_remark(maker_by(program.maker).reader.remark, name, data, ANYWAY) if why else data
+            )
     return write_all_new(directory, files)

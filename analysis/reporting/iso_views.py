@@ -13,7 +13,7 @@ from analysis.measures.pose import PoseResult
 from analysis.measures.result_curves import PathCurve
 from analysis.measures.results import Result
 from analysis.traces.tables import PoseTable
-from rigs.schema.vocabulary import FEWEST_AXES
+from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SHARE = 0.12
 """The largest deviation is drawn as this share of the cube's side."""
@@ -36,7 +36,7 @@ def cube_view(result: Result) -> PlaneView | None:
     table, rig = result.measured.table, result.measured.rig
     if not isinstance(result.found, PoseResult) or not isinstance(table, PoseTable):
         return None
-    if rig.tests.iso9283 is None or len(rig.robot.axes) != FEWEST_AXES:
+    if rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
         return None
     cube = cube_of(rig)
     pose = poses_of_cube(table.q[result.found.rows], cube)

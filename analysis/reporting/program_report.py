@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
-from analysis.correction.programs.target import WHY, Left
+from analysis.makers.target import WHY, Left
 
 _LISTED = 30
 """So many of what was left are on the screen; corrections.yaml has all of them."""

@@ -16,7 +16,7 @@ from rigs.schema.feedback import Feedback
 
 ZONE_MM = 0.3
 """How far before the end of an arc the next may begin, so that the tool does not stop between arcs of one circle. The
-corner that a controller cuts is within ZONE² / 2R of the circle: 0.6 µm at 70 mm. It is RAPID's smallest zone."""
+corner that a controller cuts is within ZONE² / 2R of the circle: 0.6 µm at 70 mm. Some languages have no smaller."""
 ACCELERATION_MM_S2 = 200.0
 """Acceleration on arcs and lines; that of the simulated laps (analysis/geometry/programs.py)."""
 

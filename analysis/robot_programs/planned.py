@@ -63,7 +63,7 @@ from analysis.robot_programs.plan import (
 from analysis.robot_programs.ways import over_sphere, straight
 from rigs.errors import FileError, PathError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.feedback import URRTDE
+from rigs.schema.feedback import signal_of_outputs
 from rigs.schema.part import Vector
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
@@ -292,10 +292,10 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
     """Where a program shows its number. Raises FileError where nothing says it."""
     if not number:
         return SignalPlace()
-    if isinstance(rig.feedback, URRTDE) and rig.feedback.signal is not None:
-        outputs, register = rig.feedback.signal.outputs, rig.feedback.signal.int_register
-        if register is not None:
-            return SignalPlace(int_register=register)
+    if place := signal_of_outputs(rig.feedback):
+        outputs = place.outputs
+        if place.int_register is not None:
+            return SignalPlace(int_register=place.int_register)
     if number < 0 or number >= 1 << len(outputs):
         raise FileError(
             RigPlace.of(rig.name, "automatic"),

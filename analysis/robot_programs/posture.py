@@ -1,6 +1,6 @@
-"""Which of the arm's solutions a target means, in the words of FANUC (CONFIG) and Yaskawa (RCONF).
+"""Which of the arm's solutions a target means, in words that makers have for it.
 
-Neither maker's definition of every letter could be confirmed for every arm: a person compares them with the pendant
+No maker's definition of every letter could be confirmed for every arm: a person compares them with the pendant
 (docs/robot-programs.md). Turns are certain, since they follow from the joint angles alone.
 """
 
@@ -41,3 +41,20 @@ def posture_of(arm: Arm, q: Array) -> Posture:
 def turns(q_rad: float) -> int:
     """How many whole turns a joint stands away from the range (-180°, 180°), whose ends are a turn away."""
     return int(np.copysign(np.floor(abs(q_rad) / _FULL_TURN + 0.5), q_rad))
+
+
+def wrist_in_front(arm: Arm, q: Array) -> bool:
+    """Whether at joint angles q (6,) rad the wrist lies at positive x of the frame that turns with axis 1 and is the
+    base's frame at zero."""
+    frames = link_frames(arm, np.stack([q, np.zeros(6)]))
+    turned = frames[0, 0, :3, :3] @ frames[1, 0, :3, :3].T
+    forward = turned @ arm.T_world_base[:3, 0]
+    return bool((frames[0, 4, :3, 3] - frames[0, 0, :3, 3]) @ forward > 0)
+
+
+def beyond_stretch(arm: Arm, q: Array) -> bool:
+    """Whether at joint angles q (6,) rad axis 3 stands at a larger angle than the one at which shoulder, elbow and
+    wrist are in a line."""
+    _, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
+    lower, upper = elbow[:3, 3] - shoulder[:3, 3], wrist[:3, 3] - elbow[:3, 3]
+    return bool(arm.coupling[2, 2] * (np.cross(lower, upper) @ elbow[:3, 2]) >= 0)

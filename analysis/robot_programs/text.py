@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.kinematics.arm import Array, roll_pitch_yaw
 from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.plan import Plan, start_of
+from analysis.robot_programs.plan import Comment, Dwell, Hold, Move, Plan, Signal, Step, start_of
 from rigs.errors import FileError
 
 MM_DECIMALS = 7
@@ -49,10 +50,41 @@ def wrapped(text: str, width: int) -> list[str]:
     return textwrap.wrap(plain, width)
 
 
+@dataclass(frozen=True)
+class Words:
+    """How a language says what is no move, {} for its number or text: to wait for seconds of so many decimals, an
+    output on and off, a remark of `width` characters, and to wait for a person below a remark that says what for."""
+
+    wait: str
+    decimals: int
+    on: str
+    off: str
+    remark: str
+    width: int
+    hold: str
+
+    def remarks(self, *texts: str) -> list[str]:
+        """Return texts as remarks."""
+        return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
+
+    def lines(self, plan: Plan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
+        """Return the lines of a step, those of a move as the language has them."""
+        match step:
+            case Dwell(seconds):
+                return [self.wait.format(fixed(seconds, self.decimals))]
+            case Signal(value):
+                return [(self.on if on else self.off).format(number) for number, on in plan.signal_place.bits(value)]
+            case Hold(request):
+                return [*self.remarks(request), self.hold]
+            case Comment(text):
+                return self.remarks(text)
+        return move(step)
+
+
 def fixed_xyz_deg(T: Array) -> Array:
     """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
 
-    FANUC's W, P, R and Yaskawa's Rx, Ry, Rz; KUKA's A, B, C are the same three, the last first.
+    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same three, the last first.
     """
     return np.degrees(roll_pitch_yaw(T))
 

@@ -22,7 +22,7 @@ from daq import clock
 from daq.service.client import Client, find_socket
 from daq.store.manifest import DrivenWith
 from rigs.errors import CellError, RigError
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 LOOK_S = 0.1
 """Between two looks at the joints."""
@@ -443,7 +443,7 @@ class EmulatedHands:
     def __init__(
         self,
         directory: Path,
-        maker: Maker,
+        maker: MakerName,
         emulated: Emulated,
         entered: Sequence[Path],
         start_cell: StartCell = _emulate,

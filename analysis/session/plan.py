@@ -15,20 +15,20 @@ from typing import get_args
 
 import yaml
 
-from analysis.files.write import holding, write_all_over
+from analysis.files.write import write_all_over
 from analysis.geometry.programs import circle_program
 from analysis.inference.plan import further_tests, places, with_circle
 from analysis.inference.plan import plan as plan_tests
 from analysis.inference.proposal import SET_UP_MIN
+from analysis.makers.writing import encoded_programs, programs_of
 from analysis.robot_programs.examine import demand_of, seconds_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
-from analysis.robot_programs.write import DIALECTS, programs_of
 from analysis.session.state import Aim, Purpose, Stage, Step
 from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName, TestName
 from rigs.yaml_text import data_of
 
 DWELL_S = 3.0
@@ -36,7 +36,7 @@ DWELL_S = 3.0
 ELSEWHERE = "other"
 """The stage at the place that is not used to find errors."""
 FIXED = "-fixed"
-"""What the names of corrected programs end with. With it they have 23 characters, of the 24 that KRL takes."""
+"""What the names of corrected programs end with. With it they have 23 characters, of the 24 that all languages take."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
 _SEPARATING_RUNS = 2
 """Runs in each direction of a test that separates rivals: two, so that its scatter is measured."""
@@ -293,10 +293,8 @@ def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) 
     return programs
 
 
-def write_programs(maker: Maker, programs: Sequence[Program], directory: Path) -> list[Path]:
+def write_programs(maker: MakerName, programs: Sequence[Program], directory: Path) -> list[Path]:
     """Write the files of programs for a maker's controllers, in place of those that are there. Raises FileError where
     there can be none, CellError when the disk refuses."""
     files = programs_of(maker, [(program.plan, demand_of(program.plan)) for program in programs])
-    end = DIALECTS[maker].newline
-    encoded = {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}
-    return write_all_over(directory, encoded)
+    return write_all_over(directory, encoded_programs(maker, files))

@@ -17,7 +17,7 @@ from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
 from daq import clock
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Asked:
     rig_file: str
     aim: Aim
     minutes: float
-    maker: Maker
+    maker: MakerName
     emulated: Emulated | None
     operator: str
     wait_min: float

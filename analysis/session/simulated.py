@@ -19,20 +19,18 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from analysis.emulation.cell_files import write_cell_files
 from analysis.emulation.keyboard import Keyboard
 from analysis.emulation.pendant import Pendant
 from analysis.session.answer import Inference
 from analysis.session.cell import Rigd
 from analysis.session.state import Answer
-from analysis.simulation.emulated_robot import EmulatedRobot
+from analysis.simulation.emulated_robot import EmulatedRobot, write_cell_files
 from daq import clock
 from daq.emulators import as_emulated
 from daq.simulated.cell import SimulatedCell
 from daq.simulated.clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden
-from rigs.schema.vocabulary import MAKERS
 
 _INFERENCE_S = 20.0
 """Simulated seconds of an inference. Measured: 10 to 25 s for four to twelve runs, on a core of two that are busy."""
@@ -61,9 +59,7 @@ class SimulatedChild:
         child = cls(
             cell,
             robot,
-            Pendant(
-                hidden, Path(options["--programs"]), next(maker for maker in MAKERS if maker == str(options["--for"]))
-            ),
+            Pendant(hidden, Path(options["--programs"]), str(options["--for"])),
             log,
         )
         with time_of_cell.process("cell"):

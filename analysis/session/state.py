@@ -22,7 +22,7 @@ from rigs.files import of_newer_rig, read_text
 from rigs.problems import Problem, RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, Maker
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName
 from rigs.text import as_argument
 from rigs.yaml_text import read_yaml
 
@@ -224,7 +224,7 @@ class Session(Part):
     rig_file: Annotated[str, Field(min_length=1)]
     rig_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     aim: Aim
-    maker: Maker
+    maker: MakerName
     minutes: Annotated[float, Field(gt=0, le=_MOST_MINUTES)]
     began: Annotated[str, AfterValidator(_a_time)]
     emulated: Emulated | None = None

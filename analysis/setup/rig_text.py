@@ -25,7 +25,7 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import FEWEST_AXES
+from rigs.schema.vocabulary import DRIVEN_AXES
 from rigs.text import plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
@@ -71,7 +71,7 @@ def chosen_arm(name: str) -> ChosenArm:
 
 def _hold_six(robot: Robot, where: str) -> None:
     """Raises FileError for an arm that cannot drive the circles of a ball link."""
-    if (axes := len(robot.axes)) > FEWEST_AXES:
+    if (axes := len(robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, and the ball link's programs are of six"
         raise FileError(where, problem, "write a rig file of its robot section and tests.touch alone (docs/any-arm.md)")
 

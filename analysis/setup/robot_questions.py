@@ -16,7 +16,7 @@ from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.setup.answers import Answers, Options, checked, has_keys, with_keys
 from analysis.setup.dialogue import Dialogue
 from analysis.setup.rig_text import chosen_arm
-from daq.discovery import RobotReport, joints_of, search_robot
+from daq.discovery import ADDRESSES, RobotReport, joints_of, search_robot
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
 from rigs.rig import Rig
@@ -52,12 +52,6 @@ def _vector(values: Array, decimals: int) -> Vector:
 
 _COLUMNS = 79
 _MOST_TOLERANCE_MM = 1000.0
-_ADDRESS = """\
-Robot: its host name or IP address (Universal Robots);
-  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
-  udp://HOST:60015 of FANUC's Stream Motion;
-  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls
-Robot"""
 
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -70,7 +64,7 @@ def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
     ):
         return answers
     read = partial(_reported, options, dialogue)
-    report = read(options.robot) if options.robot is not None else dialogue.ask(_ADDRESS, "--robot", read)
+    report = read(options.robot) if options.robot is not None else dialogue.ask(f"{ADDRESSES}\nRobot", "--robot", read)
     for line in describe_robot(report):
         dialogue.say(line)
     feedback = report.feedback
@@ -136,7 +130,7 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
 
 
 def _likely_arms(answers: Answers) -> Sequence[str]:
-    """The arms of the maker whose interface the robot speaks, or all: `kuka_rsi` is KUKA's."""
+    """The arms of the maker whose interface the robot speaks, or all."""
     maker = maker_of(answers.feedback.interface) if answers.feedback else None
     return [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
 

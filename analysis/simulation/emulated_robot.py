@@ -11,10 +11,12 @@ The sizes are those of no make: of arms of some 20 kg, chosen so that joints war
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -24,10 +26,11 @@ from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.kinematics.arm import Array, arm_of
 from analysis.measures.yaw import plain_figures
-from analysis.model.gravity import load_of, torques
+from analysis.model.gravity import load_of, pull
 from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.simulation.simulate import readings_along
 from daq import clock
+from daq.store import durable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import (
@@ -233,7 +236,7 @@ class EmulatedRobot:
             return {}
         with self._lock:
             if self._torque_nm is None:
-                self._torque_nm = torques(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q)
+                self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
             speed_rad_s = self._speed_rad_s(now_ns)
             current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
         return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
@@ -382,3 +385,24 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
         "effects": [effect.model_dump(mode="json") for effect in rig.effects],
     }
     return {"rig": rig.name, "yaw": figures, "planted": planted}
+
+
+RIG, TRUTH = "rig.yaml", "truth.json"
+"""The files of an emulated cell: its rig file, and what a perfect measurement would find in it."""
+
+
+def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
+    """Write the files of an emulated cell into a directory, in place of those of an earlier one; return the rig file.
+
+    text: of the rig file by which its daemon reads it. Raises FileError where they cannot be written.
+    """
+    path = directory / RIG
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
+        durable.replace(path, text.encode())  # the last: by the others it is known as an emulated cell's
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    return path

@@ -6,14 +6,15 @@ and counted, where either has a gap there: a straight line across missing data i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.traces.clocks import Columns, Instants, gauge_instants, robot_instants
+from analysis.traces.clocks import Columns, Instants, TimingDoubt, gauge_instants, robot_instants
 from analysis.traces.lower_hull import Mask
 from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, require_sound
 from daq.store import Run
@@ -32,6 +33,9 @@ _OFTEN = 0.05
 robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
 _BLOCK = 1 << 14
 """Rows at a time, so that what is computed of them stays in the processor's cache."""
+_CONTEXT = 8
+"""Rows before and after a part by which it is judged whether one at its end is wild (`noise.readings`)."""
+_NEVER = ("gauges and robot were never recorded at the same time", "record both through the whole test")
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _TOGETHER = {
@@ -66,14 +70,91 @@ class Aligned:
 
 
 @dataclass(frozen=True)
-class _Track:
+class Track:
     """Values (n, k) of one instrument at increasing times (n,) ns, and the uncertainty of each in s: that which all
-    share, and what each row (n,) has beside it."""
+    share, and what each row (n,) has beside it. inside (n,): which rows are of the part of a run that was asked for,
+    None where all are."""
 
     ns: Array
     values: Array
     u_s: float
     own_u_s: Array
+    inside: Mask | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a person should know of one instrument in a run, or in a part of it. As in `Instants` restarts, wrong,
+    wanders_s, held, arrived and doubts; numbers of rows that are doubtful by the gauge itself, odd (no reading),
+    stalled (their time too uncertain) and dropped (of one instant); gaps: rows of gauge 1 in its gaps, of which the
+    longest is longest_ns; before, after: those before its first row and after its last, where it has any here."""
+
+    restarts: int = 0
+    wrong: int = 0
+    wanders_s: float = 0.0
+    held: bool = False
+    arrived: bool = False
+    doubts: tuple[TimingDoubt, ...] = ()
+    doubtful: int = 0
+    odd: int = 0
+    stalled: int = 0
+    dropped: int = 0
+    gaps: int = 0
+    longest_ns: float = 0.0
+    before: int = 0
+    after: int = 0
+    has_rows: bool = True
+
+    def then(self, later: Seen) -> Seen:
+        """What was seen in two parts of a run that follow each other."""
+        counts = ("restarts", "wrong", "doubtful", "odd", "stalled", "dropped")
+        sums = {name: getattr(self, name) + getattr(later, name) for name in counts}
+        most = {doubt.form: doubt for doubt in sorted((*self.doubts, *later.doubts), key=lambda doubt: doubt.ms)}
+        between = self.after + later.before if self.has_rows and later.has_rows else 0
+        return Seen(
+            **sums,
+            wanders_s=max(self.wanders_s, later.wanders_s),
+            held=self.held or later.held,
+            arrived=self.arrived or later.arrived,
+            doubts=tuple(most.values()),
+            gaps=self.gaps + later.gaps + between,
+            longest_ns=math.inf if between else max(self.longest_ns, later.longest_ns),
+            before=self.before if self.has_rows else self.before + later.before,
+            after=later.after if later.has_rows else self.after + later.before,
+            has_rows=self.has_rows or later.has_rows,
+        )
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A run, or a part of it, on the rows of gauge 1 at which all was measured: rows_ns (n,), of which those `inside`
+    are of the part, and a few come before and after; the tracks of the gauges and of the robot, which span these rows;
+    u_lag_s and own_u_s (n,) as in `Aligned`; seen: by the name of each instrument."""
+
+    rows_ns: Array
+    inside: slice
+    gauges: tuple[Track, ...]
+    robot: Track
+    u_lag_s: float
+    own_u_s: Array
+    seen: Mapping[str, Seen]
+
+    @property
+    def g_mm(self) -> Array:
+        """The readings (n, k) mm of the gauges."""
+        return _columns_at(self.rows_ns, self.gauges)
+
+    def q_at(self, rows_ns: Array) -> Array:
+        """The joint angles (m, 6) rad at some of the rows (m,) ns."""
+        return _columns_at(rows_ns, [self.robot])
+
+
+class NotTogether(FileError):
+    """Gauges and robot were not read at the same time; seen: of each of them, in a part of a run."""
+
+    def __init__(self, where: str, what: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
+        super().__init__(where, what, remedy)
+        self.seen = seen or {}
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
@@ -82,54 +163,111 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
 
 
 def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
-    """One table of the streams of a test; path: names them in errors. Raises FileError as `align` does.
+    """One table of the streams of a test; path: names them in errors. Raises FileError as `align` does."""
+    joined = join(path, streams, test, rig)
+    rows_ns = joined.rows_ns
+    doubts = doubts_of(joined.seen, len(joined.gauges[0].ns))
+    t_s = (rows_ns - rows_ns[0]) / 1e9
+    return Aligned(t_s, joined.q_at(rows_ns), joined.g_mm, joined.u_lag_s, joined.own_u_s, tuple(doubts))
+
+
+def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None = None) -> Joined:
+    """The streams of a test on the rows of gauge 1, of those alone that came in a part [begin, end) ns of the run where
+    one is asked for. Raises FileError as `align` does, NotTogether where that may be due to the part.
 
     At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
     """
-    doubts: list[str] = []
-    names = [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
-    gauges = [_gauge(path, streams, test, rig, name, doubts) for name in names]
-    robot = _robot(path, streams, doubts)
-    for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
-        if len(track.ns) < 2:
-            raise FileError(
-                str(path),
-                f"holds fewer than two readings of {name} at known times",
-                "record again, and check the rates with rig status",
-            )
-    rows_ns = gauges[0].ns
-    keep = np.ones(len(rows_ns), dtype=bool)
-    for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
+    tracks, seen = _read(path, streams, test, rig, part)
+    if "g1" not in tracks:
+        raise NotTogether(str(path), *_NEVER, seen)
+    rows_ns, inside = tracks["g1"].ns, tracks["g1"].inside
+    inside = np.ones(len(rows_ns), dtype=bool) if inside is None else inside
+    keep = inside.copy()
+    for place in np.flatnonzero(np.diff(inside)).tolist():
+        keep[max(0, place + 1 - _CONTEXT) : place + 1 + _CONTEXT] = True
+    for name in list(seen)[1:]:
+        track = tracks.get(name)
+        if track is None:
+            keep[:], seen[name] = False, replace(seen[name], before=int(inside.sum()))
+            continue
         begin, end = np.searchsorted(rows_ns, track.ns[0]), np.searchsorted(rows_ns, track.ns[-1], side="right")
         keep[:begin], keep[end:] = False, False
-        gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if track is robot else JUMPS_NS)
+        gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if name == "robot" else JUMPS_NS)
         keep &= gaps == 0
-        gaps = gaps[begin:end][gaps[begin:end] > 0]
-        if are_many(gaps, len(rows_ns)):
-            doubts.append(f"{name}: {len(gaps)} rows are left out at gaps")
-    if keep.sum() < 2:
-        raise FileError(
-            str(path), "gauges and robot were never recorded at the same time", "record both through the whole test"
-        )
+        gaps = gaps[begin:end][(gaps[begin:end] > 0) & inside[begin:end]]
+        before, after = int(inside[:begin].sum()), int(inside[end:].sum())
+        longest_ns = float(gaps.max(initial=0.0))
+        seen[name] = replace(seen[name], gaps=len(gaps), longest_ns=longest_ns, before=before, after=after)
+    there = np.flatnonzero(inside[keep])
+    if len(there) < 2:
+        raise NotTogether(str(path), *_NEVER, seen)
     rows_ns = rows_ns if keep.all() else rows_ns[keep]
-    u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
-    own_u_s = _own_u_s(rows_ns, gauges, robot)
-    g_mm = _columns_at(rows_ns, gauges)
-    return Aligned((rows_ns - rows_ns[0]) / 1e9, _columns_at(rows_ns, [robot]), g_mm, u_lag_s, own_u_s, tuple(doubts))
+    robot, of_part = tracks.pop("robot"), slice(int(there[0]), int(there[-1]) + 1)
+    gauges = tuple(tracks.values())
+    u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
+    return Joined(rows_ns, of_part, gauges, robot, u_lag_s, _own_u_s(rows_ns, gauges, robot), seen)
+
+
+def _read(
+    path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None
+) -> tuple[dict[str, Track], dict[str, Seen]]:
+    """Gauges and robot of a run, or those of them that read in a part. Raises FileError."""
+    tracks, seen = {}, {}
+    for name in [*gauges_of(test, rig), "robot"]:
+        try:
+            track, seen[name] = (
+                _robot(path, streams, part) if name == "robot" else _gauge(path, streams, test, rig, name, part)
+            )
+            if len(track.ns) < 2:
+                what = f"holds fewer than two readings of {name} at known times"
+                raise NotTogether(str(path), what, "record again, and check the rates with rig status")
+            tracks[name] = track
+        except NotTogether:
+            if part is None:
+                raise
+            seen[name] = replace(seen.get(name, Seen()), has_rows=False)
+    return tracks, seen
+
+
+def gauges_of(test: TestName, rig: Rig) -> list[str]:
+    """The gauges that a test measures with."""
+    return [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
+
+
+def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
+    """What a person should know before trusting a run of so many rows of gauge 1, in words."""
+    doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
+    gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
+    return [*doubts, *(f"{name}: {count} rows are left out at gaps" for name, count in gaps)]
+
+
+def _doubts_of(name: str, seen: Seen) -> list[str]:
+    doubts = timing_doubts(name, seen)
+    if seen.doubtful:
+        doubts.append(f"{name}: {seen.doubtful} readings are marked doubtful by the gauge itself")
+    if seen.odd:
+        doubts.append(f"{name}: {seen.odd} rows that hold no valid reading are left out; check it and its connection")
+    if seen.stalled:
+        doubts.append(
+            f"{name}: {seen.stalled} rows are left out because their time is too uncertain: "
+            "the computer was held up, or a stamp was wrong"
+        )
+    if seen.dropped:
+        doubts.append(f"{name}: {seen.dropped} rows are left out because {_TOGETHER[seen.arrived]}")
+    return doubts
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     """Times (n,) s since the first and reported angles (n, 6) rad of a recorded run whose gauges need not have read,
     and doubts in words. Raises FileError where the robot was not recorded."""
-    doubts: list[str] = []
-    track = _robot(path, run.streams, doubts)
+    track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
         what = "holds fewer than two readings of robot at known times"
         raise FileError(str(path), what, "record again, and check the rates with rig status")
-    return (track.ns - track.ns[0]) / 1e9, track.values, tuple(doubts)
+    return (track.ns - track.ns[0]) / 1e9, track.values, tuple(_doubts_of("robot", seen))
 
 
-def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
+def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
     """Values (n, k) of all tracks side by side at the times of the rows (n,), which each track spans, in blocks."""
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
@@ -146,7 +284,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
     return at_rows
 
 
-def _values_at(rows_ns: Array, track: _Track) -> Array:
+def _values_at(rows_ns: Array, track: Track) -> Array:
     """Values (n, k) of a track on the chords between its rows, at times (n,) that increase and that it spans."""
     begin = max(int(np.searchsorted(track.ns, rows_ns[0], side="right")) - 1, 0)
     end = int(np.searchsorted(track.ns, rows_ns[-1], side="left")) + 1
@@ -163,12 +301,13 @@ def _values_at(rows_ns: Array, track: _Track) -> Array:
     return chords
 
 
-def are_many(gaps: Array, rows: int) -> bool:
-    """Whether gaps (n,) ns of the rows left out are more than what rigd itself makes a gauge wait."""
-    return len(gaps) > 0 and bool(gaps.max() > MOVES_NS or len(gaps) > _OFTEN * rows)
+def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
+    """Whether so many of the rows in gaps, the longest of so many ns, are more than what rigd itself makes a gauge
+    wait."""
+    return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
-def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
+def _own_u_s(rows_ns: Array, gauges: Sequence[Track], robot: Track) -> Array:
     """The uncertainty (n,) s of each row: the less certain gauge's and the robot's together."""
     own_u_s = np.zeros(len(rows_ns))
     for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
@@ -177,19 +316,33 @@ def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
     return own_u_s
 
 
-def _gauge(path: Path, streams: Streams, test: TestName, rig: Rig, name: str, doubts: list[str]) -> _Track:
+def _gauge(
+    path: Path, streams: Streams, test: TestName, rig: Rig, name: str, part: tuple[float, float] | None
+) -> tuple[Track, Seen]:
     """Readings (n, 1) mm of one gauge, which grow with the distance from the ball however it counts."""
     stream = _own_rows(_stream(path, streams, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
-    instants = gauge_instants(stream, dict(rig.gauges)[name])
-    doubts.extend(timing_doubts(name, instants))
-    if doubtful := int(np.count_nonzero(stream["status"])):
-        doubts.append(f"{name}: {doubtful} readings are marked doubtful by the gauge itself")
+    instants, inside = gauge_instants(stream, dict(rig.gauges)[name]), _inside(stream, part)
     values = dict(rig.gauges)[name].sign * stream[f"{name}_mm"][:, None]
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
         # With the ball inside the circle no link is ever longer than twice its radius.
         sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
-    return _track(name, instants, values, sound, doubts)
+    track, seen = _track(instants, values, sound, inside)
+    return track, replace(seen, doubtful=_count(stream["status"] != 0, inside))
+
+
+def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
+    """Which rows (n,) of a stream came in a part of the run."""
+    if part is None:
+        return None
+    came_ns = stream["last_byte_ns"]
+    inside = np.zeros(len(came_ns), dtype=bool)
+    inside[slice(*np.searchsorted(came_ns, part, side="left"))] = True
+    return inside
+
+
+def _count(rows: Mask, inside: Mask | None) -> int:
+    return int(np.count_nonzero(rows if inside is None else rows & inside))
 
 
 def _own_rows(stream: Columns, rig: Rig, name: str) -> Columns:
@@ -201,17 +354,16 @@ def _own_rows(stream: Columns, rig: Rig, name: str) -> Columns:
     return {key: values[own] for key, values in stream.items() if not key.endswith("_mm") or key == column}
 
 
-def _robot(path: Path, streams: Streams, doubts: list[str]) -> _Track:
+def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tuple[Track, Seen]:
     """Joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, streams, columns, "the robot", LARGEST_DEG)
-    instants = robot_instants(stream)
-    doubts.extend(timing_doubts("robot", instants))
     q_deg = np.stack([stream[column] for column in columns], axis=1)
-    return _track("robot", instants, np.radians(q_deg), is_reading(q_deg, LARGEST_DEG), doubts)
+    sound = is_reading(q_deg, LARGEST_DEG)
+    return _track(robot_instants(stream), np.radians(q_deg), sound, _inside(stream, part))
 
 
-def timing_doubts(name: str, instants: Instants) -> list[str]:
+def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
     """What a person should know before trusting the times of an instrument, in words."""
     doubts = []
     if instants.restarts:
@@ -230,31 +382,39 @@ def timing_doubts(name: str, instants: Instants) -> list[str]:
     return [*doubts, *(f"{name}: {words}" for words in instants.doubts)]
 
 
-def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
+def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) -> tuple[Track, Seen]:
     """The values in order of time, without rows that hold no reading or whose time is unknown, and one of each instant:
     of messages that arrived together the last, which the others waited for, and of a clock with coarse steps the first.
     """
-    if odd := int((~sound).sum()):
-        doubts.append(f"{name}: {odd} rows that hold no valid reading are left out; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
     there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
-    if stalled := int((sound & ~there).sum()):
-        doubts.append(
-            f"{name}: {stalled} rows are left out because their time is too uncertain: "
-            "the computer was held up, or a stamp was wrong"
-        )
-    ns, own_u_s = instants.ns, instants.own_u_s
+    dropped, counts = 0, (_count(~sound, inside), _count(sound & ~there, inside))
+    ns, own_u_s, track_inside = instants.ns, instants.own_u_s, inside
     if not there.all():
         ns, values, own_u_s = ns[there], values[there], own_u_s[there]
+        track_inside = None if inside is None else inside[there]
     if not (ns[1:] > ns[:-1]).all():
         order = np.argsort(ns, kind="stable")
         differs = np.diff(ns[order]) > 0
         is_kept = np.append(differs, True) if instants.arrived else np.insert(differs, 0, True)
         kept, instant = order[is_kept], np.cumsum(np.insert(differs, 0, False))
-        if dropped := int((values[order] != values[kept][instant]).any(axis=1).sum()):
-            doubts.append(f"{name}: {dropped} rows are left out because {_TOGETHER[instants.arrived]}")
+        off = (values[order] != values[kept][instant]).any(axis=1)
+        dropped = _count(off, None if track_inside is None else track_inside[order])
         ns, values, own_u_s = ns[kept], values[kept], own_u_s[kept]
-    return _Track(ns, values, instants.u_s, own_u_s)
+        track_inside = None if track_inside is None else track_inside[kept]
+    seen = Seen(
+        instants.restarts if inside is None else int(inside[list(instants.restarted)].sum()),
+        # Its own uncertainty has a row alone whose stamp is wrong.
+        min(instants.wrong, _count(instants.own_u_s > 0, inside)) if instants.wrong else 0,
+        instants.wanders_s,
+        instants.held,
+        instants.arrived,
+        instants.doubts,
+        odd=counts[0],
+        stalled=counts[1],
+        dropped=dropped,
+    )
+    return Track(ns, values, instants.u_s, own_u_s, track_inside), seen
 
 
 def _stream(path: Path, streams: Streams, columns: Sequence[str], what: str, largest: float) -> Columns:
@@ -262,7 +422,8 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], what: str, lar
         if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
             require_sound(path, what, stream)
             return stream
-    raise FileError(str(path), f"holds no readings of {what}", "connect it, check it with rig status, and record again")
+    remedy = "connect it, check it with rig status, and record again"
+    raise NotTogether(str(path), f"holds no readings of {what}", remedy)
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:

@@ -74,25 +74,42 @@ Columns = Mapping[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
+class TimingDoubt:
+    """What a person should know of an instrument's times: the form of a sentence, and the ms that it states."""
+
+    form: str
+    ms: float = 0.0
+
+    def __str__(self) -> str:
+        return self.form.format(self.ms)
+
+
+@dataclass(frozen=True)
 class Instants:
     """When each sample was taken: ns (n,) on the host's clock.
 
-    u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
-    instrument's own clock restarted; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
+    u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarted: the rows from which
+    on the instrument's clock is another; wrong: how many of its stamps were left out. held: an adapter holds bytes
+    back.
     wanders_s: by how much the lateness of its pace changed for good. arrived: the times are those of arrivals, which
     messages that a network bundles share.
-    doubts: what else a person should know of these times, in words.
+    doubts: what else a person should know of these times.
     """
 
     ns: Array
     u_s: float
     own_u_s: Array
-    restarts: int = 0
+    restarted: tuple[int, ...] = ()
     wrong: int = 0
     held: bool = False
     wanders_s: float = 0.0
     arrived: bool = False
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[TimingDoubt, ...] = ()
+
+    @property
+    def restarts(self) -> int:
+        """How often the instrument's own clock restarted."""
+        return len(self.restarted)
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
@@ -103,11 +120,11 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + found.doubts)
 
 
-def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[str, ...]]:
+def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
     """A stream without its instrument's clock where that does not advance, and a doubt that says so."""
     if not stands(stream["device_time_s"]):
         return stream, ()
-    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (_STANDS,)
+    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
 
 
 def _answered(stream: Columns, gauge: Gauge) -> Instants:
@@ -143,17 +160,17 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[TimingDoubt, ...] = ()
     if ticks := through_cycle(asked.ns, values, cycle_ns):
         if cycle_ns is None or not ticks.steady:
-            doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
+            doubts = (TimingDoubt(_FOUND if ticks.steady else _UNEVEN, ticks.period_ns / 1e6),)
         if ticks.period_ns > _SPARSE_NS:
-            doubts = (*doubts, _SPARSE.format(ticks.period_ns / 1e6))
+            doubts = (*doubts, TimingDoubt(_SPARSE, ticks.period_ns / 1e6))
         u_s = math.hypot(asked.u_s, ticks.u_s)
         return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
     seen = changes(asked.ns, values)
     if seen.repeating and (cycle_ns is None or seen.usual_ns > _LONGER * cycle_ns):
-        cycle_ns, doubts = seen.usual_ns, (_NOT_SEEN.format(seen.usual_ns / 1e6),)
+        cycle_ns, doubts = seen.usual_ns, (TimingDoubt(_NOT_SEEN, seen.usual_ns / 1e6),)
     if cycle_ns is None:
         return asked
     own_u_s, shared_u_s = anywhere_in_a_cycle(asked.ns, cycle_ns)
@@ -222,7 +239,7 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
 def _listened(fitted: FittedClock, before_ns: float) -> Instants:
     """What is latched at some time in so many ns before the times fitted."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
-    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong, wanders_s=fitted.wanders_s)
+    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarted, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
@@ -288,7 +305,7 @@ def _asked_with_clock(device_s: Array, went_through: Array, set_out: Array, held
     width = float(np.median(between))
     ns = after.ns - max(width, 0.0) / 2
     u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
-    return Instants(ns, u_s, after.u_s, after.restarts, after.wrong, held)
+    return Instants(ns, u_s, after.u_s, after.restarted, after.wrong, held)
 
 
 def _anywhere_in(window_ns: Any) -> Any:

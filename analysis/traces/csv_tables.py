@@ -2,36 +2,78 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from analysis.kinematics.arm import RAIL_MM, Array
-from analysis.traces.table_layout import (
-    PLACE,
-    RAIL,
-    RAIL_FROM,
-    SOCKET,
-    TURN,
-    came_from_columns,
-    joint_columns,
-    layout_of,
-)
-from analysis.traces.table_rules import hold_table
-from analysis.traces.tables import (
-    CircleTable,
-    PathTable,
-    PlaceTable,
-    PoseTable,
-    RadialTable,
-    RepeatabilityTable,
-    Table,
-    TouchTable,
-)
+from analysis.kinematics.arm import RAIL_MM, Array, Integers, Mask
+from analysis.traces.kind import kind_named
+from analysis.traces.table_layout import RAIL, joint_columns
+from analysis.traces.tables import Table
 from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Direction, TestName
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The columns of docs/tables.md as a kind of test asks for them; extra columns are left out."""
+
+    columns: pa.Table
+
+    @cached_property
+    def axes(self) -> int:
+        """How many joints the table has: of columns that are none of the arm's, as of a gripper, the cells are kept as
+        text. Fewer than any arm has are those of six, some of which are missing."""
+        joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
+        return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
+
+    @cached_property
+    def rail(self) -> bool:
+        """Whether the table says where a rail stands: a column of that name that is none is kept as text."""
+        return self._is_measured(RAIL)
+
+    @property
+    def q(self) -> Array:
+        """Angles (n, axes) rad."""
+        return np.radians(self.stack(joint_columns(self.axes)))
+
+    def has(self, names: tuple[str, ...]) -> bool:
+        """Return whether the table has all of these columns."""
+        return set(names) <= set(self.columns.column_names)
+
+    def floats(self, name: str) -> Array:
+        """Return a column (n,) of numbers."""
+        return np.asarray(array_of(self.columns[name]), dtype=float)
+
+    def stack(self, names: tuple[str, ...]) -> Array:
+        """Return columns of numbers side by side, (n, k)."""
+        return np.stack([self.floats(name) for name in names], axis=1)
+
+    def counts(self, name: str) -> Integers:
+        """Return a column (n,) of counts."""
+        return array_of(self.columns[name])
+
+    def words(self, name: str) -> NDArray[np.str_]:
+        """Return a column (n,) of words, which have no unit."""
+        return np.array(self.columns[name].to_pylist(), dtype=np.str_)
+
+    def times(self) -> Array:
+        """Return the times (n,) s of a table that may have none, which are zeros then."""
+        return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
+
+    def with_rail(self, q: Array, name: str = RAIL) -> Array:
+        """Return angles q (n, axes) rad with where the rail stands, in m, by the column of a name, if there is one."""
+        return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
+
+    def _is_measured(self, name: str) -> bool:
+        schema = self.columns.schema
+        return name in schema.names and pa.types.is_floating(schema.field(name).type)
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
@@ -39,116 +81,73 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
     Raises FileError where the columns are not those of the test, hold no rows, or hold what no import lets through.
     """
-    table = _table_from(columns, test, direction, where)
-    hold_table(table, where)
-    return table
-
-
-def _table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    axes = _axes_in(columns)
-    missing = [name for name in layout_of(test, axes).required if name not in columns.column_names]
+    rows, kind = Rows(columns), kind_named(test)
+    missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
         what = f"its table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, what, "import the table again")
-    if test == "path":
-        return PathTable(_floats(columns, "t_s"), _stack(columns, PLACE))
-    q, rail = np.radians(_stack(columns, joint_columns(axes))), _has_rail(columns)
-    if test in ("yaw", "roll"):
-        if direction is None:
-            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
-        g_mm = _stack(columns, ("g1_mm", "g2_mm"))
-        u_t_s = _floats(columns, "u_t_s") if "u_t_s" in columns.column_names else None
-        return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm, u_t_s)
-    if test == "pose":
-        turned = set(TURN) <= set(columns.column_names)
-        rpy = np.radians(_stack(columns, TURN)) if turned else None
-        return PoseTable(_with_rail(q, columns, RAIL), _stack(columns, PLACE), rpy, rail=rail)
-    if test == "touch":
-        names = came_from_columns(axes)
-        came = set(names) <= set(columns.column_names)
-        sockets = np.array(columns[SOCKET].to_pylist(), dtype=np.str_)
-        came_from = None
-        if came:  # a rail of which it is not said comes from where it stands
-            known = RAIL_FROM if RAIL_FROM in columns.column_names else RAIL
-            came_from = _with_rail(np.radians(_stack(columns, names)), columns, known)
-        return TouchTable(sockets, _with_rail(q, columns, RAIL), came_from, rail=rail)
-    t_s = _floats(columns, "t_s") if "t_s" in columns.column_names else np.zeros(len(q))
-    if test == "radial":
-        polar, azimuth = (np.radians(_floats(columns, name)) for name in ("polar_deg", "azimuth_deg"))
-        target, orientation = array_of(columns["target"]), array_of(columns["orientation"])
-        return RadialTable(target, polar, azimuth, orientation, t_s, q, _floats(columns, "g1_mm"))
-    approach = np.array(columns["approach"].to_pylist(), dtype=np.str_)
-    target, rounds = array_of(columns["target"]), array_of(columns["round"])
-    return RepeatabilityTable(target, approach, rounds, t_s, q, _floats(columns, "g1_mm"))
-
-
-def _axes_in(columns: pa.Table) -> int:
-    """How many joints a table has: a seventh column that is none of the arm's is kept as text."""
-    seventh = joint_columns(7)[-1]
-    return 7 if seventh in columns.column_names and pa.types.is_floating(columns.schema.field(seventh).type) else 6
-
-
-def _has_rail(columns: pa.Table) -> bool:
-    """Whether a table says where a rail stands: a column of that name that is none is kept as text."""
-    return RAIL in columns.column_names and pa.types.is_floating(columns.schema.field(RAIL).type)
-
-
-def _with_rail(q: Array, columns: pa.Table, name: str) -> Array:
-    """Angles q (n, axes) rad with where the rail stands, in m, if the table says it."""
-    return np.column_stack([q, _floats(columns, name) / RAIL_MM]) if _has_rail(columns) else q
-
-
-def _joints(q: Array, names: tuple[str, ...], rail: str) -> dict[str, Array]:
-    """The columns of angles q (n, axes) rad by their names, in degrees, and of a rail behind them in mm."""
-    axes = len(names)
-    found = dict(zip(names, np.degrees(q[:, :axes]).T, strict=True))
-    return found | ({rail: RAIL_MM * q[:, axes]} if q.shape[1] > axes else {})
+    table = kind.table_of(rows, direction, where)
+    hold_table(table, where)
+    return table
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
     """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
     states none."""
     known = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
-    return float(_floats(columns, "u_lag_s").max(initial=0.0)) if known else 0.0
+    return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if known else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:
     """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
-    axes = table.q.shape[1] - (isinstance(table, PlaceTable) and table.rail)
-    joints = _joints(table.q, joint_columns(axes), RAIL)
-    match table:
-        case CircleTable():
-            gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
-            return _table({"t_s": table.t_s, "direction": [table.direction] * len(table.t_s), **joints, **gauges})
-        case PoseTable():
-            turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
-            return _table({**joints, **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns})
-        case PathTable():
-            return _table({"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))})
-        case TouchTable():
-            came = {} if table.came_from is None else _joints(table.came_from, came_from_columns(axes), RAIL_FROM)
-            return _table({SOCKET: table.socket.tolist(), **joints, **came})
-        case RadialTable():
-            place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
-            first = {"target": table.target, **place, "orientation": table.orientation}
-        case RepeatabilityTable():
-            first = {"target": table.target, "approach": table.approach.tolist(), "round": table.round}
-    time = {"t_s": table.t_s} if table.t_s.any() else {}
-    return _table({**first, **joints, "g1_mm": table.g_mm, **time})
+    return pa.table({name: pa.array(values) for name, values in table.kind.columns(table).items()})
 
 
-def _circle_test(test: TestName) -> Literal["yaw", "roll"]:
-    return "yaw" if test == "yaw" else "roll"
+def joint_cells(
+    q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
+) -> dict[str, Array]:
+    """The columns of angles q (n, axes) rad by their names, in degrees, and of a rail behind them in mm."""
+    axes = q.shape[1] - rail
+    cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
+    return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
 
 
-def _floats(columns: pa.Table, name: str) -> Array:
-    return np.asarray(array_of(columns[name]), dtype=float)
+# ----------------------------------------------------------------------------------------------------------------------
+# The rules of every table that is read, of any program: numbers of a size that is measured, time in order.
+#
+# Import says the same of a file, with its lines. A run directory is only files, and one that was edited, or made by
+# another program, had a time of nan or 1e300 in it, which stopped the analysis of all runs beside it.
+
+LARGEST = 1e12
+"""No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
+_REMEDY = "restore the run from a copy, or correct its table and import it again"
 
 
-def _stack(columns: pa.Table, names: tuple[str, ...]) -> Array:
-    """Columns side by side: (n, k)."""
-    return np.stack([_floats(columns, name) for name in names], axis=1)
+def hold_table(table: Table, where: str) -> None:
+    """Raises FileError for the first row that no import lets through; `where` names the table."""
+    columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
+    for field, values in columns.items():
+        name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
+        rows = values.reshape(len(values), -1)
+        if values.dtype.kind == "f":
+            _hold_rows(np.abs(rows) <= LARGEST, name, rows, "which is no measured value", where)
+            if name.startswith("u_"):
+                _hold_rows(rows >= 0, name, rows, "below zero", where)
+        elif values.dtype.kind == "i":
+            _hold_rows(rows >= 1, name, rows, "and it counts from 1", where)
+    if table.kind.in_order_of_time:
+        t_s = columns["t_s"]
+        back = np.flatnonzero(np.diff(t_s) <= 0)
+        if len(back):
+            row = int(back[0]) + 1
+            what = f"row {row + 1}: time does not increase, {t_s[row]:g} after {t_s[row - 1]:g} s"
+            raise FileError(where, what, _REMEDY)
 
 
-def _table(columns: dict[str, Any]) -> pa.Table:
-    return pa.table({name: pa.array(values) for name, values in columns.items()})
+def _hold_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
+    """Raises FileError for the first row (n, k) with a value that is not good (n, k), as nan never is."""
+    good = is_good.all(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        values = ", ".join(f"{value:g}" for value in rows[row])
+        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY)

@@ -119,7 +119,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
     rows_seen = _rows_seen(table.t_s)
-    tool = _places(arm_of(rig.robot), table.q, rows_seen)
+    tool = places_along(arm_of(rig.robot), table.q, rows_seen)
     phi = frame.angle(tool)
     stretches = _on_circle(table.t_s, tool, frame, rows_seen)
     if len(rows_seen) < len(table.q):
@@ -215,7 +215,7 @@ def _rows_seen(t_s: Array) -> Integers:
     return np.append(np.arange(0, len(t_s) - 1, step), len(t_s) - 1)
 
 
-def _places(arm: Arm, q: Array, rows: Integers) -> Array:
+def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
     """Where the tool is (m, 3) mm in some rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
@@ -254,7 +254,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
     """
     t_s, q = table.t_s[rows], table.q[rows]
     begin, end = 0, len(q)
-    for row, axis, step in _leaps(t_s, q, rig):
+    for row, axis, step in leaps_of(t_s, q, rig):
         before, after = phi[rows.start + begin : rows.start + row + 1], phi[rows.start + row + 1 : rows.stop]
         if row < begin:
             continue
@@ -272,7 +272,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
     return slice(rows.start + begin, rows.start + end)
 
 
-def _leaps(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
+def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
     """Row before, axis and size, rad, of each step between two rows that no joint can run; axis by axis, since a run
     may be long."""
     found = []

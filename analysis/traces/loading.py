@@ -12,20 +12,26 @@ import pyarrow as pa
 
 from analysis.batch.fetched import fetched
 from analysis.frames import Tabular
-from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
+from analysis.noise.certificate import (
+    NO_CERTIFICATE,
+    Systematic,
+    beyond_certificates,
+    corrected_gauges,
+    link_excess_mm,
+    systematic,
+)
 from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
-from analysis.traces.dwells import radial_table, repeatability_table
+from analysis.traces.kind import kind_named
 from analysis.traces.single_stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
-from analysis.traces.tables import CircleTable, PathTable, PlaceTable, Table
+from analysis.traces.tables import Table
 from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""
@@ -67,14 +73,18 @@ class Measured(Tabular):
 def load_measured(path: Path) -> Measured:
     """Read a run, recorded or imported, wherever it lies. Raises FileError."""
     with fetched(path) as directory:
-        run = read_run(directory)
-        rig = calibrated_beside(rig_of(run), directory)
-    return measured_of(replace(run, path=path), rig)
+        return measured_in(directory, path)
+
+
+def measured_in(directory: Path, path: Path) -> Measured:
+    """Read a run whose files are in a directory; path: where they came from. Raises FileError."""
+    run = read_run(directory)
+    return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
 def _hold_rail(rig: Rig, table: Table, where: str) -> None:
     """Raise FileError where one of rig file and table knows of a rail and the other does not."""
-    if not isinstance(table, PlaceTable) or table.rail == (rig.robot.rail is not None):
+    if RAIL not in table.kind.layout(rail=True).known or table.rail == (rig.robot.rail is not None):
         return
     if table.rail:
         raise FileError(where, f"has {RAIL}, and the arm of the rig file stands on no rail", "add robot.rail to it")
@@ -102,23 +112,35 @@ def rig_of(run: Run) -> Rig:
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     """A run that has been read, with the rig of its manifest, or this one, and its table. Raises FileError."""
     path = run.path
-    _is_in_step(run)
     rig = rig or rig_of(run)
-    if run.manifest.test not in WITHOUT_GAUGES and not rig.gauges.recorded:
+    if run.table is None:
+        doubts = known_doubts(run, rig)
+        table, u_lag_s, more = _recorded(path, run, rig)
+        condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
+        return measured_as(run, rig, table, u_lag_s, [*doubts, *more], condition)
+    doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
+    table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+    _hold_rail(rig, table, str(path))
+    table = one_row_a_stand(table)
+    return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
+
+
+def known_doubts(run: Run, rig: Rig) -> list[str]:
+    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run."""
+    _is_in_step(run)
+    if kind_named(run.manifest.test).gauges and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
-        raise FileError(str(path), what, "add gauges and feedback to the rig file, and import it again")
-    doubts = [*_doubts(run), *_certificates(run, rig)]
-    if run.table is not None:
-        doubts += _taken_as_corrected(run, rig)
-        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-        _hold_rail(rig, table, str(path))
-        table = one_row_a_stand(table)
-        return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
-    table, u_lag_s, more = _recorded(path, run, rig)
-    condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-    doubts += [*more, *condition.doubts]
+        raise FileError(str(run.path), what, "add gauges and feedback to the rig file, and import it again")
+    return [*_doubts(run), *_certificates(run, rig)]
+
+
+def measured_as(
+    run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
+) -> Measured:
+    """A recorded run with the table that was made of its streams, and what the robot showed beside it."""
     bare = replace(run, streams={})
-    return Measured(path, bare, rig, table, u_lag_s, tuple(doubts), _systematic(rig, table), condition)
+    doubts = (*doubts, *condition.doubts)
+    return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
 
 
 def _is_in_step(run: Run) -> None:
@@ -136,26 +158,10 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
     test, direction = run.manifest.test, run.manifest.direction
     names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
     g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
+    doubts = [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
     data = replace(data, g_mm=g_mm)
-    doubts = [*data.doubts, *beyond]
-    match test:
-        case "yaw" | "roll":
-            if direction is None:
-                raise FileError(
-                    str(path),
-                    "lacks a direction, which a circle needs",
-                    "give it one: rig relabel RUN --direction acw or cw",
-                )
-            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
-            return circle, data.u_lag_s, doubts
-        case "radial":
-            table, more = radial_table(data, rig, str(path))
-            table = replace(table, g_mm=table.g_mm + link_excess_mm(rig))
-            return table, data.u_lag_s, doubts + more
-        case "repeatability":
-            visits, more = repeatability_table(data, rig, str(path))
-            return visits, data.u_lag_s, doubts + more
-    raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+    table, more = kind_named(test).recorded(data, rig, direction, str(path))
+    return table, data.u_lag_s, [*doubts, *more]
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
@@ -163,16 +169,16 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
     Simulated readings are what they mean, and need no correction.
     """
-    test, table = run.manifest.test, run.manifest.table
-    if test in WITHOUT_GAUGES or table is None or table.file.startswith(SIMULATED):
+    kind, table = kind_named(run.manifest.test), run.manifest.table
+    names = kind.gauges
+    if not names or table is None or table.file.startswith(SIMULATED):
         return []
-    names = ("g1", "g2") if test in CIRCLES else ("g1",)
     known = [
         f"the correction of {name} by certificate {gauge.certificate.number}"
         for name, gauge in rig.gauges
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
-    if test == "radial" and link_excess_mm(rig):
+    if "link" in kind.certified and link_excess_mm(rig):
         known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
     turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
@@ -184,17 +190,14 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
-    if isinstance(table, PlaceTable | PathTable):
-        return NO_CERTIFICATE
-    return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
+    return systematic(rig, table.kind.readings(table)) if table.kind.gauges else NO_CERTIFICATE
 
 
 def _certificates(run: Run, rig: Rig) -> list[str]:
     """Doubts about the certificates of what the test measures with."""
-    test = run.manifest.test
-    if test in WITHOUT_GAUGES:
+    parts = kind_named(run.manifest.test).certified
+    if not parts:
         return []
-    parts = ["g1", "g2", "ball"] if test in CIRCLES else ["g1", "ball", *["link"] * (test == "radial")]
     try:
         return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
     except ValueError:

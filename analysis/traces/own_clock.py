@@ -38,16 +38,21 @@ _AROUND = 8
 class FittedClock:
     """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not give.
 
-    restarts: how often the clock restarted; wrong: how many stamps were left out. wanders_s: by how much the lateness
-    of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
+    restarted: the rows from which on the clock is another; wrong: how many stamps were left out. wanders_s: by how much
+    the lateness of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
     """
 
     ns: Array
     u_s: Array
-    restarts: int = 0
+    restarted: tuple[int, ...] = ()
     wrong: int = 0
     wanders_s: float = 0.0
     shared_u_s: float = 0.0
+
+    @property
+    def restarts(self) -> int:
+        """How often the clock restarted."""
+        return len(self.restarted)
 
 
 def stands(device_s: Array) -> bool:
@@ -61,7 +66,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
         return FittedClock(host_ns, np.zeros(len(host_ns)))
     if _runs_through(device_s, host_ns):
-        return _by_arrival(*_fitted(device_s, host_ns), restarts=0, host_ns=host_ns)
+        return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
     in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
@@ -70,7 +75,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     ns, low = (of[0] if len(of) == 1 else np.concatenate(of) for of in zip(*pieces, strict=True))
     if wrong.any():
         ns, low = _among(wrong, ns, 0.0), _among(wrong, low, True)
-    return _by_arrival(ns, low, len(starts), host_ns)
+    return _by_arrival(ns, low, tuple(np.flatnonzero(~wrong)[starts].tolist()), host_ns)
 
 
 def _runs_through(device_s: Array, host_ns: Array) -> bool:
@@ -167,11 +172,11 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
     return ns, low
 
 
-def _by_arrival(ns: Array, wrong: Mask, restarts: int, host_ns: Array) -> FittedClock:
+def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Array) -> FittedClock:
     """Where the stamp is wrong, the arrival less the usual delay takes its place."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
         ns = np.where(wrong, host_ns - np.median(delay), ns)
         u_s[wrong] = delay.std() / 1e9
-    return FittedClock(ns, u_s, restarts, int(wrong.sum()))
+    return FittedClock(ns, u_s, restarted, int(wrong.sum()))

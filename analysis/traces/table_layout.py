@@ -1,11 +1,9 @@
-"""What each table of docs/tables.md consists of: its columns, and what stands in them."""
+"""The columns of the tables of docs/tables.md, and what stands in them; which a test has, its kind says."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
-
-from rigs.schema.vocabulary import TestName
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:
@@ -34,10 +32,12 @@ COUNTS = ("target", "orientation", "round")
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns that a table needs, and those that it may have; any other is extra and kept as it is."""
+    """Columns that a table needs, and those that it may have, of which those `together` are all there or none; any
+    other is extra and kept as it is."""
 
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
+    together: tuple[str, ...] = ()
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -48,27 +48,3 @@ class Layout:
 def came_from_columns(axes: int) -> tuple[str, ...]:
     """Return the names of the columns that say from which angle each joint came to a touch, in its last move."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))
-
-
-_CIRCLE = Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
-LAYOUTS: dict[TestName, Layout] = {
-    "yaw": _CIRCLE,
-    "roll": _CIRCLE,
-    "radial": Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",)),
-    "repeatability": Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",)),
-    "pose": Layout((*JOINTS, *PLACE), TURN),
-    "touch": Layout((SOCKET, *JOINTS), came_from_columns(6)),
-    "path": Layout(("t_s", *PLACE)),
-}
-"""Tables of an arm of six axes."""
-
-
-def layout_of(test: TestName, axes: int, *, rail: bool = False) -> Layout:
-    """Return the layout of a test's table for an arm of so many axes, which poses and touches can have, and on a rail,
-    which stands where other tests are driven."""
-    moved, came = ((RAIL,), (RAIL_FROM,)) if rail else ((), ())
-    if test == "pose":
-        return Layout((*joint_columns(axes), *moved, *PLACE), TURN)
-    if test == "touch":
-        return Layout((SOCKET, *joint_columns(axes), *moved), (*came_from_columns(axes), *came))
-    return LAYOUTS[test]

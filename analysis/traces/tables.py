@@ -7,17 +7,43 @@ Angles are radians and lengths mm here; in files (`analysis.traces.csv_tables`) 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array, Integers
+from analysis.traces.kind import Kind, kind_named
 from rigs.schema.vocabulary import Direction, TestName
 
 
 @dataclass(frozen=True)
-class CircleTable:
+class Table:
+    """What every table has: the test that it is of, reported joints q (n, axes) rad, those of a rail, which
+    carries the arm, in a column more (`rail`)."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def test(self) -> TestName: ...
+        @property
+        def q(self) -> Array: ...
+
+    rail = False
+
+    @property
+    def kind(self) -> Kind[Self]:
+        """The kind of test that it is of, which answers what depends on it."""
+        return cast("Kind[Self]", kind_named(self.test))
+
+    @property
+    def rows(self) -> Integers:
+        """The row of the file (n,) that each reading is."""
+        return np.arange(1, len(self.q) + 1)
+
+
+@dataclass(frozen=True)
+class CircleTable(Table):
     """One circle driven in one direction, lead-in and lead-out included where they were recorded.
 
     t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): standard uncertainty of each row's time
@@ -33,13 +59,14 @@ class CircleTable:
 
 
 @dataclass(frozen=True)
-class RadialTable:
+class RadialTable(Table):
     """Readings at targets of a hemisphere, in order of time.
 
     target, orientation (n,) count from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the
     link's set length; t_s (n,), zeros where the table has no time.
     """
 
+    test: ClassVar[TestName] = "radial"
     target: Integers
     polar: Array
     azimuth: Array
@@ -50,12 +77,13 @@ class RadialTable:
 
 
 @dataclass(frozen=True)
-class RepeatabilityTable:
+class RepeatabilityTable(Table):
     """Readings at targets approached from outside (`out`), from inside (`in`) or from elsewhere (`none`).
 
     target, round (n,) count from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
     """
 
+    test: ClassVar[TestName] = "repeatability"
     target: Integers
     approach: NDArray[np.str_]
     round: Integers
@@ -65,7 +93,7 @@ class RepeatabilityTable:
 
 
 @dataclass(frozen=True)
-class PoseTable:
+class PoseTable(Table):
     """Poses of the tool as a tracker saw them, in the tracker's frame.
 
     q (n, axes) rad, of an arm on a rail with a column more, where the rail stands in m (`rail`);
@@ -73,6 +101,7 @@ class PoseTable:
     row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n.
     """
 
+    test: ClassVar[TestName] = "pose"
     q: Array
     xyz_mm: Array
     rpy: Array | None
@@ -86,7 +115,7 @@ class PoseTable:
 
 
 @dataclass(frozen=True)
-class TouchTable:
+class TouchTable(Table):
     """Touches: the tool's ball seated in sockets that are fixed in the world, in one posture after the other.
 
     socket (n,) of str; q (n, axes) rad, with a rail as of poses; came_from (n, axes) rad: where each joint was before
@@ -94,6 +123,7 @@ class TouchTable:
     as of poses.
     """
 
+    test: ClassVar[TestName] = "touch"
     socket: NDArray[np.str_]
     q: Array
     came_from: Array | None = None
@@ -112,9 +142,10 @@ class TouchTable:
 
 
 @dataclass(frozen=True)
-class PathTable:
+class PathTable(Table):
     """What a tracker wrote while the tool followed paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
 
+    test: ClassVar[TestName] = "path"
     t_s: Array
     xyz_mm: Array
 
@@ -128,21 +159,3 @@ PlaceTable = PoseTable | TouchTable
 """Tables whose readings are places, three coordinates a row, each of a posture."""
 Evidence = CircleTable | RadialTable | RepeatabilityTable | PlaceTable
 """Tables of what was read beside joint angles, from which an arm is diagnosed."""
-Table = Evidence | PathTable
-
-
-def test_of(table: Table) -> TestName:
-    """The test that a table is of."""
-    match table:
-        case CircleTable():
-            return table.test
-        case RadialTable():
-            return "radial"
-        case RepeatabilityTable():
-            return "repeatability"
-        case PoseTable():
-            return "pose"
-        case TouchTable():
-            return "touch"
-        case PathTable():
-            return "path"

@@ -40,7 +40,7 @@ from analysis.window.watcher import Watcher
 from daq.service.trust import tcp_user
 from rigs.distribution import version
 from rigs.errors import CellError, RigError
-from rigs.schema.vocabulary import MAKERS
+from rigs.schema.vocabulary import makers
 
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
@@ -153,8 +153,8 @@ class _Pages:
         if self._window.controls is not None:
             session_lines = await run_in_threadpool(self._window.controls.session_lines)
         place = self._window.place
-        makers = MAKERS if place is not None and not place.file.exists() else ()
-        return self._page(request, "session.html", has_session=place is not None, said=session_lines, makers=makers)
+        names = makers() if place is not None and not place.file.exists() else ()
+        return self._page(request, "session.html", has_session=place is not None, said=session_lines, makers=names)
 
     def session_report(self, request: Request) -> Response:
         place = self._window.place

@@ -13,7 +13,7 @@ from analysis.session.state import Place
 from analysis.window.watcher import Watcher
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
-from rigs.schema.vocabulary import MAKERS, Maker
+from rigs.schema.vocabulary import MakerName, makers
 from rigs.text import plain
 
 _TAIL_BYTES = 4096
@@ -54,7 +54,7 @@ class Controls:
             case "restart":
                 watcher.restart()
             case "session":
-                maker = next((known_maker for known_maker in MAKERS if known_maker == form.get("maker")), None)
+                maker = next((known_maker for known_maker in makers() if known_maker == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 return None
@@ -80,7 +80,7 @@ class Controls:
     def _log(self) -> Path | None:
         return self._place.directory / "window.log" if self._place else None
 
-    def _go_on(self, maker: Maker | None, *, entered: bool) -> str:
+    def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
         """Begin the session, or go on with it, as `rig session` does. maker: of the controller, for a new one."""
         if self._place is None or self._log is None:
             raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")

@@ -7,11 +7,12 @@ a sensor stream, is left out unless a person has named the instrument. What a ro
 
 from daq.discovery.attempts import named_attempts
 from daq.discovery.reports import FoundGauge, PortReport, RobotReport
-from daq.discovery.robots import joints_of, search_robot
+from daq.discovery.robots import ADDRESSES, joints_of, search_robot
 from daq.discovery.search import Wanted, ports_here, search
 from daq.discovery.watch import Watch, pushed
 
 __all__ = [
+    "ADDRESSES",
     "FoundGauge",
     "PortReport",
     "RobotReport",

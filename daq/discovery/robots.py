@@ -102,6 +102,12 @@ def _clock(column: list[float | None], at_s: list[float]) -> str | None:
     return next((name for name, rate in _CLOCKS.items() if abs(pace / rate - 1) < _PACE), None)
 
 
+ADDRESSES = """\
+Robot: its host name or IP address (Universal Robots);
+  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
+  udp://HOST:60015 of FANUC's Stream Motion;
+  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls"""
+"""What an address says of the interface, for the person who gives one."""
 _LISTEN_S = 1.5
 _SILENCES = 3
 """Time-outs within that time: a datagram that asks can be lost."""

@@ -1,4 +1,4 @@
-"""A line a sample, as a user's program on the controller prints it: FANUC KAREL, or any that can open a
+"""A line a sample, as a user's program on the controller prints it: KAREL, or any that can open a
 socket.
 
 Which fields, in what units and with what between them is configuration (what the program prints; nothing of

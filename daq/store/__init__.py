@@ -13,7 +13,7 @@ from daq.store.marks import mark_exported, mark_kept
 from daq.store.recover import Recovery, recover
 from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
-from daq.store.run import Run, is_unclosed, read_run
+from daq.store.run import Run, chunks_of, closed_manifest, is_unclosed, read_run
 from daq.store.run_directory import NearlyFull
 from daq.store.verify import Verdict, judge, verify
 from daq.store.writer import RunWriter
@@ -28,6 +28,8 @@ __all__ = [
     "RunInfo",
     "RunWriter",
     "Verdict",
+    "chunks_of",
+    "closed_manifest",
     "is_unclosed",
     "judge",
     "load_manifest",

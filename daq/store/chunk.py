@@ -301,15 +301,16 @@ def to_parquet(table: pa.Table) -> bytes:
     return data
 
 
-def from_parquet(data: bytes) -> pa.Table | None:
-    """Return the table in a Parquet file; None if the bytes are not one, or hold text that is not UTF-8.
+def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
+    """Return the table in a Parquet file, or some of its columns; None if the bytes are not one, or hold text that is
+    not UTF-8.
 
     On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
     after its answer is printed (apache/arrow issue 34314). Raises OSError where the memory is short, or the file
     stands for more than a chunk has: a few bytes can stand for any number of equal rows, and rows for one long text.
     """
     try:
-        table = _decoded(data)
+        table = _decoded(data, columns)
     except MemoryError:
         raise OSError(errno.ENOMEM, _NO_MEMORY) from None
     except _DAMAGE:
@@ -319,22 +320,22 @@ def from_parquet(data: bytes) -> pa.Table | None:
     return table
 
 
-def _decoded(data: bytes) -> pa.Table | str:
+def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
     """Return the table in a Parquet file, or in words how it is larger than any chunk."""
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
-    rows, columns, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
+    rows, width, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
-    if max(rows * columns * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a value of a dictionary counts once
-        return f"it declares {rows} rows of {columns} columns, more than any chunk has"
+    if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a value of a dictionary counts once
+        return f"it declares {rows} rows of {width} columns, more than any chunk has"
     # Text is read as numbers of different texts, since how long all of it is shows only then.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     source = pa.BufferReader(data)
     file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
-    table = file.read(use_threads=False)
-    if sum(_text_bytes(table.column(name)) for name in text) > _MOST_DECODED:
+    table = file.read(columns, use_threads=False)
+    if sum(_text_bytes(table.column(name)) for name in text if name in table.column_names) > _MOST_DECODED:
         return "its text is longer than that of any chunk"
-    table = table.cast(schema)
+    table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
     table.validate(full=True)
     return table
 

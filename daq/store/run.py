@@ -6,6 +6,7 @@ and its row count before a value of it is handed on.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +56,17 @@ def read_run(path: Path) -> Run:
 
     Raises FileError when it is missing, still being recorded, crashed and not recovered, or damaged.
     """
+    manifest = closed_manifest(path)
+    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
+    table = read_stream(path, manifest, TABLE) if manifest.table else None
+    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
+
+
+def closed_manifest(path: Path) -> Manifest:
+    """Return the manifest of a run that was closed, whose streams may then be read.
+
+    Raises FileError when it is missing, still being recorded, or crashed and not recovered.
+    """
     manifest = load_manifest(path)
     recording = manifest.exit_status == "recording"
     try:
@@ -64,9 +76,7 @@ def read_run(path: Path) -> Run:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):
         raise FileError(str(path), "was not closed: the recording crashed", to_recover(path))
-    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
-    table = read_stream(path, manifest, TABLE) if manifest.table else None
-    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
+    return manifest
 
 
 def is_unclosed(path: Path) -> bool:
@@ -100,8 +110,21 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 
-def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
-    """Return the rows of one chunk. Raises FileError if it is missing, damaged or differs from the manifest."""
+def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
+    """The rows of a stream chunk by chunk, in the memory of one, without `sequence`.
+
+    Raises FileError as `read_stream` does, for what was read until then.
+    """
+    schema = manifest.arrow_schema(stream)
+    columns = [name for name in schema.names if name != "sequence"]
+    for chunk in manifest.chunks_of(stream):
+        table = read_chunk(path, chunk, schema, columns)
+        yield {name: _array(table[name]) for name in columns}
+
+
+def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the rows of one chunk, or some of their columns. Raises FileError if it is missing, damaged or differs
+    from the manifest."""
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
@@ -113,12 +136,12 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
     if sha256(data) != chunk.sha256:
         raise FileError(str(file), "has changed since it was recorded (SHA-256)", remedy)
     try:
-        table = from_parquet(data)
+        table = from_parquet(data, columns)
     except OSError as error:
         raise unreadable(file, error) from None
     if table is None:
         raise FileError(str(file), "is not a Parquet file", remedy)
-    if not table.schema.equals(schema):
+    if not table.schema.equals(schema if columns is None else pa.schema([schema.field(name) for name in columns])):
         problem = f"holds the columns {', '.join(table.schema.names)}, the manifest says otherwise"
         raise FileError(str(file), problem, remedy)
     if table.num_rows != chunk.rows:

@@ -20,6 +20,7 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "industrial": (5e-5, 3e-4),
     "light": (6e-4, 3e-3),
     "torque_sensing": (4.3e-3, 4.3e-3),
+    "servo": (1e-2, 1e-2),
 }
 """How soft a joint of axes 1 to 3, and one of the wrist, is without a fault.
 
@@ -30,6 +31,7 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
   2.3 to 4.1e-3 °/Nm.
 - torque_sensing: a sensor of torque is a spring in series. Axes 2 to 4 of an iiwa 14 yield 55 to 75 µrad/Nm (Franzese
   et al., 2024, as rig fits them), 3.2 to 4.3e-3 °/Nm.
+- servo: 175 µrad/Nm behind the encoder of the output shaft, assumed for horns and printed brackets.
 """
 
 

@@ -23,6 +23,8 @@ class JointOffset(Effect):
     DEED = "remaster"
     PART = "constants"
     PLACE = AT_AXIS
+    MOST = 250.0
+    """As far as a rig file may state it, 5°: the zero of a hobby servo is set by the eye."""
 
     def apply(self, scene: S) -> S:
         """The joint stands off by a constant."""
@@ -45,8 +47,9 @@ class JointOffset(Effect):
 
     def usual_times(self, build: Build) -> float:
         """Light arms show twice as much: zeros of a UR10's axes 2 to 4 are off by up to 0.06°; source: Landgraf et al.,
-        2021."""
-        return 1.0 if build == "industrial" else 2.0
+        2021. Servos ten times: a person sets their zeros by the eye, and the teeth of a horn do the rest; assumed,
+        so that a zero off by 1° is a fault."""
+        return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
 
     @property
     def symbol(self) -> str:

@@ -266,9 +266,8 @@ class Automatic(Part):
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in Circling]
         lacks = []
         if unheard and not signal:
-            lacks.append(
-                f"rule {', '.join(unheard)} waits for a signal, and feedback carries none (ur_rtde and line_feed can)"
-            )
+            one_that_can = "take one with a key signal, or a line_feed with that field"
+            lacks.append(f"rule {', '.join(unheard)} waits for a signal, and feedback carries none: {one_that_can}")
         if paired and gauges < 2:
             lacks.append(f"rule {', '.join(paired)} needs two gauges: add gauges.g2")
         return lacks

@@ -20,7 +20,7 @@ from pydantic import Field
 
 from rigs.schema.part import Part
 from rigs.schema.scene import S, Stage
-from rigs.schema.vocabulary import Build
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
@@ -72,7 +72,9 @@ class Found(Part):
     """Effects of the same fit that look like this one: only what they make up together is known."""
     rivals: tuple[str, ...] = ()
     """Effects that the same runs may show instead of this one: measure what separates them before it is corrected."""
-    joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=7)
+    joints_deg: tuple[tuple[float, float], ...] | None = Field(
+        default=None, min_length=FEWEST_AXES, max_length=MOST_AXES
+    )
     """The lowest and the highest angle of each joint in those runs."""
 
 

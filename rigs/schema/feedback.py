@@ -351,6 +351,11 @@ def carries_signal(feedback: Feedback) -> bool:
     return False
 
 
+def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
+    """Return the outputs, or the register, of which the interface reads a signal; None where it reads none there."""
+    return feedback.signal if isinstance(feedback, URRTDE) else None
+
+
 def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
     """Return the columns that the robot's samples have after those of the joints, in order."""
     return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))

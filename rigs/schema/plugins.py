@@ -1,4 +1,4 @@
-"""Gauges, robot interfaces and effects of other packages, which offer them as entry points: no fork is needed.
+"""Gauges, robot interfaces, effects and makers of other packages, which offer them as entry points: no fork is needed.
 
 A package says in its pyproject.toml which of its classes joins which group, under the name that a rig file has:
 
@@ -18,6 +18,8 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field
 
+MAKERS = "rig.makers"
+"""The group of makers: what a package offers there is no class but a package, whose modules answer what is asked."""
 Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
 _KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
 """The key of a rig file that holds the name of a class of each group."""
@@ -31,7 +33,7 @@ def _offers() -> tuple[EntryPoint, ...]:
     """What all packages offer. An environment of a hundred packages is looked through in some hundredths of a second,
     once."""
     found = entry_points()
-    return tuple(offer for group in _KEY for offer in found.select(group=group))
+    return tuple(offer for group in (*_KEY, MAKERS) for offer in found.select(group=group))
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
@@ -47,6 +49,11 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
         except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
             BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"
     return found
+
+
+def packages_of_makers() -> dict[str, str]:
+    """Return the packages that others offer for makers, by the maker's name."""
+    return {offer.name: offer.value for offer in sorted(_offers()) if offer.group == MAKERS}
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from rigs.schema.part import Angle, Length, Part, Vector
-from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
 class Pose(Part):
@@ -78,25 +78,27 @@ _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
 
 
 class Robot(Part):
-    """Six or seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
+    """Four to seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
 
     name: str
     serial: Annotated[str, Field(max_length=200)] = ""
     """The serial number on the arm's name plate, which stands at the head of a report."""
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
-    coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(FEWEST_AXES)
+    coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(DRIVEN_AXES)
     base: Pose = Pose()
     rail: Rail | None = None
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
-    """How the arm is built; where it is not stated, an arm of seven axes has sensors of torque."""
+    """How the arm is built; where it is not stated, an arm of seven axes has sensors of torque, and one of four or five
+    is light."""
 
     @property
     def built(self) -> Build:
         """How the arm is built, as stated, or as most arms of so many axes are."""
-        return self.build or ("torque_sensing" if len(self.axes) > FEWEST_AXES else "industrial")
+        more = len(self.axes) - DRIVEN_AXES
+        return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
     def axis_words(self, axis: int) -> str:
         """What an axis, counted from 1, is called wherever a person reads of it: `axis 4 (gamma)`; `axis 4` alone where
@@ -115,7 +117,7 @@ class Robot(Part):
         """Without a coupling each axis turns with its own joint, however many there are."""
         if isinstance(written, Mapping) and "coupling" not in written:
             axes = written.get("axes")
-            if isinstance(axes, list | tuple) and FEWEST_AXES < len(axes) <= MOST_AXES:
+            if isinstance(axes, list | tuple) and FEWEST_AXES <= len(axes) <= MOST_AXES:
                 return {**written, "coupling": identity(len(axes))}
         return written
 

@@ -63,6 +63,9 @@ class Scene(Protocol):
     def torques(self, payload_kg: float = 0.0) -> Array:
         """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
 
+    def moment(self) -> Array:
+        """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""
+
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
         """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
         which is that of the joint where the link has no length."""
@@ -79,6 +82,13 @@ class Scene(Protocol):
     def along_rail(self, error_mm_m: Array) -> Self:
         """The tool moved by an error (3,) in mm for each metre along the rail that carries the arm: along it, across it
         and level, and across both; the same scene without a rail."""
+
+    def tilted(self, turn: Array, below_mm: float) -> Self:
+        """The whole arm turned by rotation vectors (n, 3) rad in the axes of its base, about the point that lies so far
+        below the origin of the base."""
+
+    def raised(self, height_mm: Array) -> Self:
+        """The whole arm moved along the z of its base by (n,) mm."""
 
     def shifted(self, offset_mm: Array) -> Self:
         """The tool moved by (n, 3) mm in the world."""

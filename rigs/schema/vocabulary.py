@@ -1,6 +1,6 @@
 """Names that rig files, runs, commands and reports share; free of imports, so that a command line starts fast."""
 
-from typing import Literal, get_args
+from typing import Literal
 
 TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
 Direction = Literal["cw", "acw"]
@@ -15,8 +15,9 @@ FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
-FEWEST_AXES, MOST_AXES = 6, 7
-"""The numbers of axes that an arm may have."""
+FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
+"""The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
+pose with six, so that circles, their programs and entries of controllers are of so many."""
 
 
 def direction_of(word: str) -> Direction | None:
@@ -30,28 +31,50 @@ ProgramTest = Literal["yaw", "roll", "radial", "repeatability", "iso9283"]
 """What programs are written for: the driven tests, and the poses and paths of ISO 9283 for a tracker."""
 SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch", "iso9283"]
 """What is simulated: the tests of the ball link, touches, which a person guides, and ISO 9283 before a tracker."""
-Maker = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
-"""Makers of controllers for which programs and corrections are written."""
-MAKERS: tuple[Maker, ...] = get_args(Maker)
+MakerName = str
+"""A maker of controllers by its name: one of MAKERS, or one that another package offers."""
+_ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
+    "ur": ("universalrobots",),
+    "fanuc": (),
+    "kuka": (),
+    "abb": (),
+    "yaskawa": ("motoman",),
+}
+"""The makers for whose controllers programs and corrections are written, and other names that their arms bear; a folder
+in analysis/makers has all else of each."""
+MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
-_ALSO_NAMED: dict[str, Maker] = {"universalrobots": "ur", "motoman": "yaskawa"}
-"""Makers by names that their arms bear as well."""
+def offered_makers() -> dict[MakerName, str]:
+    """Return the makers of other packages, each with the package that has its answers."""
+    from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
+
+    return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
 
 
-def maker_named(word: str) -> Maker | None:
+def makers() -> tuple[MakerName, ...]:
+    """Return all makers, those of other packages last."""
+    return (*MAKERS, *offered_makers())
+
+
+def maker_named(word: str) -> MakerName | None:
     """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
     word."""
-    letters = "".join(char for char in word.casefold() if char.isalnum())
-    named: dict[str, Maker] = {maker: maker for maker in MAKERS} | _ALSO_NAMED
-    return next((maker for name, maker in named.items() if letters.startswith(name)), None)
+    named = {_letters(maker): maker for maker in offered_makers()}
+    named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
+    names = [name for name in named if _letters(word).startswith(name)]
+    return named[max(names, key=len)] if names else None
 
 
-def maker_of(interface: str) -> Maker | None:
+def _letters(word: str) -> str:
+    return "".join(char for char in word.casefold() if char.isalnum())
+
+
+def maker_of(interface: str) -> MakerName | None:
     """Return the maker whose controllers speak a feedback interface, which is named after it; None for any maker's."""
-    return next((maker for maker in MAKERS if interface.startswith(f"{maker}_")), None)
+    return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
-Build = Literal["industrial", "light", "torque_sensing"]
+Build = Literal["industrial", "light", "torque_sensing", "servo"]
 """How an arm is built, by which it is judged what is usual: with the reducers of large machines, with strain-wave gears
-as light arms and cobots, or with sensors of torque in its joints."""
+as light arms and cobots, with sensors of torque in its joints, or of hobby servos and brackets that carry them."""

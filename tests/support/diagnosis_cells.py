@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from analysis.inference.background import Background, background_of
@@ -27,7 +28,7 @@ from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from daq.store import Run
 from daq.store.manifest import Manifest
-from rigs.effects import Effect, JointOffset
+from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.limits import Limits
@@ -120,6 +121,39 @@ def found_in(
 def plan_of_circles() -> Plan:
     """What a yaw and a roll circle of the paper's robot can tell of all effects."""
     return plan(RIG, ("yaw", "roll"))
+
+
+@made_once
+def plan_without_further_tests() -> Plan:
+    """The same of a yaw circle, without a look at what other tests would tell, which is most of a plan's time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analysis.inference.plan.possible_tests", lambda *_, **__: ([], []))
+        return plan(RIG, ("yaw",))
+
+
+ZERO = JointOffset(axis=3, offset_deg=0.05)
+GEAR = TransmissionError(axis=4, order=8, amplitude_deg=0.03, phase_deg=40)
+PLAY = Backlash(axis=5, width_deg=0.03)
+DEMO = (PLAY, GEAR, ZERO)
+"""What the demo hides."""
+assert RIG.tests.circle
+_X, _Y, _Z = RIG.tests.circle.centre_mm
+_CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (_X + 60, _Y, _Z - 60)})
+ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": _CIRCLE})})
+
+
+def there(effects: tuple[Effect, ...]) -> list[Measured]:
+    """A lap each way at another place."""
+    return [
+        measured(simulate(ELSEWHERE, "yaw", way, 77 + k, effects), "yaw", f"else-{way}", ELSEWHERE)
+        for k, way in enumerate(WAYS)
+    ]
+
+
+@made_once
+def demo() -> Diagnosis:
+    """Two laps each way of the demo's cell, judged at another place."""
+    return found_in(circles(DEMO), unseen=there(DEMO))
 
 
 def seen(runs: Sequence[Measured]) -> list[ObservedRun]:

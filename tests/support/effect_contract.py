@@ -9,8 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.correction.constants import joint_zeros, link_constants
-from analysis.correction.support import supports
+from analysis.correction.support import joint_zeros, link_constants, supports
 from analysis.inference.background import background_of
 from analysis.inference.blocks import blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
@@ -32,7 +31,7 @@ from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, name_of, scaled
 from rigs.schema.scene import STAGES
-from tests.support.diagnosis_cells import RIG, TEXT, WAYS, plan_of_circles
+from tests.support.diagnosis_cells import RIG, TEXT, WAYS, plan_without_further_tests
 
 TIMES = 20.0
 """Healthy sizes of a fault: real ones have some 5 to 100."""
@@ -116,7 +115,7 @@ def near(found: Effect, planted: Effect, sd: float) -> None:
 
 def in_a_plan(name: str) -> None:
     """It stands in a plan, unless it is looked for in the time of each run."""
-    planned = plan_of_circles()
+    planned = plan_without_further_tests()
     names = {sight.effect.effect for sight in planned.detectabilities}
     assert (name in names) != (VOCABULARY[name].swinging(5.0, 0.01) is not None)
     assert all(row["unit"] is not None for row in plan_report.as_object(planned)["effects"])

@@ -292,7 +292,148 @@ _IIWA_STACK = Chain(
 )
 _WAM = [(0, 0, 0, -90), (0, 0, 0, 90), (0, 550, 45, -90), (0, 0, -45, 90), (0, 300, 0, -90), (0, 0, 0, 90)]
 
+_SO_101 = Chain(
+    (
+        ((0.0388353, 0, 0.0624), (pi, 0, pi), Z),
+        ((-0.0303992, -0.0182778, -0.0542), (-pi / 2, -pi / 2, 0), Z),
+        ((-0.11257, -0.028, 0), (0, 0, pi / 2), Z),
+        ((-0.1349, 0.0052, 0), (0, 0, -pi / 2), Z),
+        ((0, -0.0611, 0.0181), (pi / 2, 0.0486795, pi), Z),
+    )
+)
+
+
+def quaternions(bodies: Sequence[tuple[Numbers, Numbers]]) -> Source:
+    """Bodies of MuJoCo, each with its place (m) and quaternion (w, x, y, z), whose joint turns about their z."""
+
+    def poses(q: Array) -> Array:
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for (xyz, (w, *vector)), turn in zip(bodies, q.T, strict=True):
+            body = _frame(xyz, O)
+            body[:3, :3] = Rotation.from_quat([*vector, w]).as_matrix()
+            T = T @ body @ _turns("z", turn)
+        return T
+
+    return poses
+
+
+_SO_101_BODIES = [
+    ((0.0388353, -8.97657e-09, 0.0624), (3.56167e-16, 1.22818e-15, -1, -4.14635e-16)),
+    ((-0.0303992, -0.0182778, -0.0542), (0.5, -0.5, -0.5, -0.5)),
+    ((-0.11257, -0.028, 1.73763e-16), (0.707107, -5.98613e-17, -2.58051e-17, 0.707107)),
+    ((-0.1349, 0.0052, 3.62355e-17), (0.707107, 9.58722e-16, -7.51313e-16, -0.707107)),
+    ((5.55112e-17, -0.0611, 0.0181), (0.0172091, -0.0172091, 0.706897, 0.706897)),
+]
+
+
+def screws(rows: Sequence[Numbers], home: Numbers) -> Source:
+    """Screw axes (turn, then moment, m) in the base and the place (m) of the tool at home, turned so that its z points
+    as the base's x (K. M. Lynch, F. C. Park, Modern Robotics, 2017)."""
+
+    def poses(q: Array) -> Array:
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for (*turn, mx, my, mz), angle in zip(rows, q.T, strict=True):
+            axis = np.array(turn)
+            point = 1000 * np.cross(axis, (mx, my, mz))
+            step = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
+            step[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
+            step[:, :3, 3] = point - step[:, :3, :3] @ point
+            T = T @ step
+        return T @ _frame(home, (0, pi / 2, 0))
+
+    return poses
+
+
+_WIDOWX = [(0, 0, 1, 0, 0, 0), (0, 1, 0, -0.11065, 0, 0), (0, 1, 0, -0.36065, 0, 0.04975)]
+_WIDOWX_PITCH, _WIDOWX_ROLL = (0, 1, 0, -0.36065, 0, 0.29975), (1, 0, 0, 0, 0.36065, 0)
+_WIDOWX_TOOL = ((0, 0, 0), (0, pi / 2, 0))
+_WIDOWX_SHOULDER = [(0, 0, 0.072), (0, 0, 0.03865), (0.04975, 0, 0.25)]
+_WIDOWX_HOME = (0.36475, 0, 0.36065)
+"""The module's tool is 93.575 mm further along: between the fingers."""
+_XARM_6 = Chain(
+    (
+        ((0, 0, 0.267), O, Z),
+        (O, (-pi / 2, 0, 0), Z),
+        ((0.0535, -0.2845, 0), O, Z),
+        ((0.0775, 0.3425, 0), (-pi / 2, 0, 0), Z),
+        (O, (pi / 2, 0, 0), Z),
+        ((0.076, 0.097, 0), (-pi / 2, 0, 0), Z),
+    )
+)
+_XARM_7 = Chain(
+    (
+        ((0, 0, 0.267), O, Z),
+        (O, (-pi / 2, 0, 0), Z),
+        ((0, -0.293, 0), (pi / 2, 0, 0), Z),
+        ((0.0525, 0, 0), (pi / 2, 0, 0), Z),
+        ((0.0775, -0.3425, 0), (pi / 2, 0, 0), Z),
+        (O, (pi / 2, 0, 0), Z),
+        ((0.076, 0.097, 0), (-pi / 2, 0, 0), Z),
+    )
+)
+
+
+_XARM_7_ROWS = [
+    (0, 0, 267, 0), (-90, 0, 0, 0), (90, 0, 293, 0), (-90, 52.2, 0, 180), (90, -77.5, 342.5, 0), (-90, 0, 0, 0),
+    (90, -76, 97, 180),
+]  # fmt: skip
+
+
+def _catalogue_xarm_6(a2: float, shoulder_deg: float) -> Source:
+    return catalogue(
+        _rows((0, 0, a2, 77.5, 0, 76), (267, 0, 0, 342.5, 0, 97), (0, -shoulder_deg, shoulder_deg, 0, 0, 0))
+    )
+
+
+_GEN3 = Chain(
+    (
+        ((0, 0, 0.15643), (pi, 0, 0), Z),
+        ((0, 0.005375, -0.12838), (pi / 2, 0, 0), Z),
+        ((0, -0.21038, -0.006375), (-pi / 2, 0, 0), Z),
+        ((0, 0.006375, -0.21038), (pi / 2, 0, 0), Z),
+        ((0, -0.20843, -0.006375), (-pi / 2, 0, 0), Z),
+        ((0, 0.00017505, -0.10593), (pi / 2, 0, 0), Z),
+        ((0, -0.10593, -0.00017505), (-pi / 2, 0, 0), Z),
+    ),
+    tool=((0, 0, -0.061525), (pi, 0, 0)),
+)
+_GEN3_GUIDE = [
+    (0, 0, 0, 180), (0, -284.8, 0, 90), (180, -11.8, 0, 90), (180, -420.8, 0, 90), (180, -12.8, 0, 90),
+    (180, -314.3, 0, 90), (180, 0, 0, 90), (180, -167.4, 0, 180),
+]  # fmt: skip
+"""The table of the user guide, whose first row is the base and turns with no joint."""
+
+
+def _gen3_guide(q: Array) -> Array:
+    base = _turns("x", pi)
+    return np.asarray(base @ classic(_GEN3_GUIDE[1:])(q))
+
+
 SOURCES: dict[str, dict[str, Source]] = {
+    "so-101": {"geometry": _SO_101, "second": quaternions(_SO_101_BODIES)},
+    "widowx-250": {
+        "geometry": _upright([*_WIDOWX_SHOULDER, (0.25, 0, 0), (0.065, 0, 0)], [Z, Y, Y, Y, X], _WIDOWX_TOOL),
+        "second": screws([*_WIDOWX, _WIDOWX_PITCH, _WIDOWX_ROLL], _WIDOWX_HOME),
+    },
+    "widowx-250s": {
+        "geometry": _upright(
+            [*_WIDOWX_SHOULDER, (0.175, 0, 0), (0.075, 0, 0), (0.065, 0, 0)], [Z, Y, Y, X, Y, X], _WIDOWX_TOOL
+        ),
+        "second": screws([*_WIDOWX, _WIDOWX_ROLL, _WIDOWX_PITCH, _WIDOWX_ROLL], _WIDOWX_HOME),
+    },
+    "ufactory-xarm-6": {
+        "geometry": _XARM_6,
+        "second": _catalogue_xarm_6(float(np.hypot(284.5, 53.5)), float(np.degrees(np.arctan(284.5 / 53.5)))),
+        "third": _catalogue_xarm_6(289.489, 79.35),
+    },
+    "ufactory-xarm-7": {
+        "geometry": _XARM_7,
+        "second": catalogue(
+            _XARM_7_ROWS,
+            (1, 1, 1, -1, 1, 1, 1),
+        ),
+    },
+    "kinova-gen3-7": {"geometry": _GEN3, "second": _gen3_guide},
     "barrett-wam-7": {"geometry": classic([*_WAM, (0, 60, 0, 0)]), "second": classic([*_WAM, (0, 60.9, 0, 0)])},
     "franka-fr3": {
         "geometry": catalogue(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -77,7 +78,7 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
     """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
     stairs = stairs_of(diagnosis, texts)
     strands, _ = strands_of(diagnosis)
-    charts = [_of_circle(strand, texts) for strand in strands]
+    charts = [_of_circle(strand, title, texts) for strand, title in zip(strands, _titles(strands, texts), strict=True)]
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
     steps = (
@@ -91,7 +92,16 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
     ]
 
 
-def _of_circle(strand: Strand, texts: Texts) -> Chart:
+def _titles(strands: Sequence[Strand], texts: Texts) -> list[str]:
+    """`yaw acw, angle` of each; several of one title, which stand for circles at several places, with their number."""
+    count, so_far, titles = Counter(strand.title for strand in strands), Counter[str](), []
+    for title in (strand.title for strand in strands):
+        so_far[title] += 1
+        titles.append(texts("chart_place", what=title, number=so_far[title]) if count[title] > 1 else title)
+    return titles
+
+
+def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:
     """Measured, simulated with the parts so far, and what is left; without steps, what is left alone."""
     steps, x = strand.steps_um, strand.phi_deg
     so_far = steps[0] - steps
@@ -102,7 +112,7 @@ def _of_circle(strand: Strand, texts: Texts) -> Chart:
     marks = marks_of(strand.curve.turns, texts)
     shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places if not whole_lap(place)])
     return Chart(
-        texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=strand.title), texts("caption_step"),
+        texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=title), texts("caption_step"),
         "straight", texts("circle_angle"), f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
     )  # fmt: skip
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import arm_of, forward
-from analysis.measures.evaluate import TRACKER_U_MM, evaluate
+from analysis.measures.evaluate import evaluate
+from analysis.measures.pose import TRACKER_U_MM
 from analysis.traces.tables import PoseTable
 from dev.trials.planted.cells import between
 from dev.trials.planted.circles import Outcome, Size, Truth

@@ -148,12 +148,22 @@ MOVED_BASE = (
     '<link name="stand"/><joint name="lift" type="prismatic"><parent link="base_link"/><child link="stand"/></joint>'
 )
 BAD = {
-    "five": (
-        GOOD.replace(FIFTH.group(), FIFTH.group().replace("revolute", "fixed")),
-        "5 turning joints from base_link to tool0, where an arm has six or seven; choose the ends of the arm",
+    "three": (
+        GOOD.replace("revolute", "fixed", 3),
+        "3 turning joints from base_link to tool0, where an arm has 4 to 7; choose the ends of the arm",
     ),
-    "prismatic": (GOOD.replace("revolute", "prismatic", 1), "joint joint_1 is prismatic; it slides"),
-    "continuous": (GOOD.replace("revolute", "continuous", 1), "joint joint_1 is continuous; it has no limits: write"),
+    "prismatic": (
+        FIFTH.re.sub(lambda fifth: fifth.group().replace("revolute", "prismatic"), GOOD),
+        "joint joint_5 is prismatic; only a rail below all turning joints can slide",
+    ),
+    "a rail without limits": (
+        GOOD.replace("revolute", "prismatic", 1).replace(f'<limit {LIMIT} effort="0"/>', "", 1),
+        "joint joint_1 has no limits; write <limit>",
+    ),
+    "endless without a speed": (
+        GOOD.replace("revolute", "continuous", 1).replace('velocity="3.5"', "", 1),
+        "joint joint_1 has no limits; write <limit>",
+    ),
     "floating": (GOOD.replace("revolute", "floating", 1), "joint joint_1 is floating; write type revolute, or remove"),
     "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
     "mimic": (
@@ -201,7 +211,7 @@ BAD = {
     ),
     "no joints": (
         '<robot name="x"><link name="a"/></robot>',
-        "has no moving joint; give the URDF of an arm of six or seven axes",
+        "has no moving joint; give the URDF of an arm of 4 to 7 axes",
     ),
     "too many": (
         '<robot name="x">' + "".join(f'<link name="{one}"/>' for one in range(3000)) + "</robot>",
@@ -229,7 +239,7 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("base", "tip", "what"),
     [
-        ("link_1", None, "5 turning joints from link_1 to tool0"),
+        ("link_3", None, "3 turning joints from link_3 to tool0"),
         ("tool0", "base_link", "moves the base tool0 itself"),
         ("stand", None, "joint lift moves the base stand itself"),
         ("flange", None, "has no link flange; its links are base_link, link_1, link_2, link_3, link_4 and"),
@@ -240,6 +250,46 @@ def test_other_ends_have_other_joints(base: str | None, tip: str | None, what: s
     text = GOOD.replace("</robot>", f"{SEVENTH}{MOVED_BASE}</robot>")
     with pytest.raises(FileError, match=re.escape(what)):
         import_urdf(urdf(tmp_path, text), base, tip)
+
+
+def test_five_axes_and_four_are_arms(tmp_path: Path) -> None:
+    for axes, base in ((5, "link_1"), (4, "link_2")):
+        arm = import_urdf(urdf(tmp_path, GOOD), base).section
+        assert len(arm.robot.axes) == len(arm.robot.coupling) == axes
+        assert arm.robot.built == "light"
+
+
+def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None:
+    """The way is in the base's frame, the limits are in mm, and the arm stands where the library has it."""
+    rail = (
+        '<link name="floor"/><joint name="rail" type="prismatic"><parent link="floor"/><child link="base_link"/>'
+        '<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><axis xyz="0 -2 0"/><limit lower="-0.5" upper="2.5" velocity="1"/>'
+        "</joint>"
+    )
+    section = import_urdf(urdf(tmp_path, GOOD.replace("</robot>", f"{rail}</robot>"))).section
+    assert section.robot.rail is not None
+    assert section.robot.rail.limits_mm == (-500, 2500)
+    np.testing.assert_allclose(section.robot.rail.direction, [np.sin(0.5), -np.cos(0.5), 0], atol=1e-9)
+    q = np.zeros((2, 7))
+    q[1, 6] = 1.0
+    there = flange_poses(section.robot, q)[:, :3, 3]
+    np.testing.assert_allclose(there[1] - there[0], 1000 * np.array(section.robot.rail.direction), atol=1e-6)
+    assert section.largest_mm < 1e-9  # held against the library at random places of the rail
+
+
+def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path) -> None:
+    jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
+    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
+    with pytest.raises(FileError, match=r"joint_7 to jaw, moves a gripper by its name; choose the flange: --tip hand"):
+        import_urdf(urdf(tmp_path, text))
+    assert len(import_urdf(urdf(tmp_path, text), tip="hand").section.robot.axes) == 6
+    assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
+
+
+def test_a_joint_without_end_gets_limits_and_is_named(tmp_path: Path) -> None:
+    arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
+    assert arm.section.robot.axes[0].limits_deg == (-360, 360)
+    assert ["turn without end: joint_1;" in doubt for doubt in arm.doubts] == [True]
 
 
 def test_several_ends_are_asked_for(tmp_path: Path) -> None:

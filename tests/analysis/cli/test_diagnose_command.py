@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.cli import app
+from analysis.cli.diagnose import with_commands_here
+from analysis.reporting.act_words import ActWords
 from rigs.errors import FileError, RigError
 from rigs.load import load
+from tests.support.handmade_diagnosis import LOAD, diagnosis
 
 CELL = load("paper-fanuc")[1]
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
@@ -151,3 +154,20 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> N
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
         error = _rig("diagnose", *words).exception
         assert isinstance(error, FileError) and f"{copy.name}: holds the same readings as" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("output", "command"),
+    [
+        (None, "rig diagnose 'my runs/a' -o found"),
+        (Path("page.html"), "rig diagnose 'my runs/a' -o found"),
+        (Path("my found"), "rig correct 'my found/cell.yaml' -o D"),
+    ],
+)
+def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
+    output: Path | None, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """FOUND stood there, a directory that nobody had."""
+    monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a"])
+    shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)
+    assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next

@@ -11,7 +11,7 @@ import pytest
 from analysis.cli.emulate import locked_cell
 from rigs.errors import CellError, FileError
 from rigs.load import find
-from rigs.schema.vocabulary import Maker, maker_named
+from rigs.schema.vocabulary import MakerName, maker_named
 from tests.support.command_line import ran
 
 
@@ -29,7 +29,7 @@ from tests.support.command_line import ran
         ("", None),
     ],
 )
-def test_a_maker_is_understood_as_people_write_it(word: str, maker: Maker | None) -> None:
+def test_a_maker_is_understood_as_people_write_it(word: str, maker: MakerName | None) -> None:
     assert maker_named(word) == maker
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.conventions.gauge_order import order_findings
-from analysis.conventions.lost_poses import duplicate_findings, wild_findings
-from analysis.conventions.place import place_findings, stamp_findings
+from analysis.conventions.finding import Finding
+from analysis.conventions.gauge_order import ORDER
+from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
+from analysis.conventions.place import PLACE, STAMPS
 from analysis.conventions.units import unit_findings
 from analysis.files.read import parse_csv
 from analysis.simulation.simulate import simulate
@@ -26,12 +28,17 @@ from tests.support.table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig,
 RAD = np.pi / 180
 
 
+def _of(convention: str) -> Callable[[Table, Rig], Iterable[Finding]]:
+    """What speaks against a convention, in a table of any kind."""
+    return lambda table, cell: table.kind.findings(convention, table, cell)
+
+
 def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
     cell = cell or rig()
     table = read(rows, test, cell)
     found = [
         finding
-        for one in (unit_findings, duplicate_findings, wild_findings, place_findings, stamp_findings)
+        for one in (unit_findings, *map(_of, (DUPLICATES, WILDNESS, PLACE, STAMPS)))
         for finding in one(table, cell)
     ]
     for finding in found:
@@ -41,11 +48,11 @@ def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
 
 
 def doubts_of_order(table: Table, cell: Rig) -> list[str]:
-    return [finding.words for finding in order_findings(table, cell)]
+    return [finding.words for finding in _of(ORDER)(table, cell)]
 
 
 def doubts_of(table: Table, cell: Rig) -> tuple[str, ...]:
-    return tuple(finding.words for finding in (*place_findings(table, cell), *stamp_findings(table, cell)))
+    return tuple(finding.words for finding in (*_of(PLACE)(table, cell), *_of(STAMPS)(table, cell)))
 
 
 def read(rows: Rows, test: TestName, cell: Rig) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from tests.support.handmade_calibration import calibrated_model, written
 SOFT = Compliance(axis=2, deg_per_Nm=5e-4)
 
 
-@pytest.mark.parametrize("name", ["ur10e", "franka-fr3"])
+@pytest.mark.parametrize("name", ["ur10e", "franka-fr3", "so-101"])
 def test_angles_of_poses_lead_back_to_the_poses(name: str) -> None:
     rig = changed(name)
     rig = rig.model_copy(update={"effects": (*rig.effects, SOFT)})
@@ -72,9 +71,18 @@ def test_what_is_no_frame_and_no_posture_is_refused() -> None:
             arm.forward(q_deg)
 
 
-def test_of_an_arm_of_five_axes_no_pose_is_asked_for() -> None:
-    rig, _ = load("ur10e")
-    robot = rig.robot.model_copy(update={"axes": rig.robot.axes[:5]})
-    arm = replace(calibrated_arm("ur10e"), rig=rig.model_copy(update={"robot": robot}))
-    with pytest.raises(FileError, match="5 axes"):
-        arm.inverse(np.eye(4)[None])
+def test_an_arm_of_five_axes_takes_the_place_and_says_how_far_it_is_turned() -> None:
+    """Upright at a place where its wrist only leans: the tool is there, turned by what the arm has no axis for."""
+    rig = changed("widowx-250")
+    arm = calibrated_arm(rig)
+    wanted = arm.forward(np.array([[20.0, 10, 20, 30, 40]])).T
+    assert arm.inverse(wanted).turned_deg[0] == 0.0
+    leaning = wanted.copy()
+    leaning[0, :3, :3] = leaning[0, :3, :3] @ [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+    found = arm.inverse(leaning)
+    assert found.reached[0]
+    there = arm.forward(found.q_deg).T
+    np.testing.assert_allclose(there[0, :3, 3], leaning[0, :3, 3], atol=1e-5)
+    angle = np.arccos((np.trace(there[0, :3, :3].T @ leaning[0, :3, :3]) - 1) / 2)
+    assert found.turned_deg[0] == pytest.approx(np.degrees(angle), abs=1e-4)
+    assert found.turned_deg[0] > 1

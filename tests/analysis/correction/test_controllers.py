@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.correction.controllers import CONTROLLERS
 from analysis.correction.correct import correct_rig
+from analysis.makers import maker_by
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import UseError
 from rigs.load import load
-from rigs.schema.vocabulary import Maker, maker_of
+from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
 from tests.support import command_line
 from tests.support.independent_arm import Wrong as WrongArm
 from tests.support.independent_arm import constants_of, flange
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 
 Array = NDArray[np.float64]
-MASTERED: tuple[Maker, ...] = ("kuka", "fanuc", "abb", "yaskawa")
+MASTERED: tuple[MakerName, ...] = ("kuka", "fanuc", "abb", "yaskawa")
 SCALE = np.array([4200.5, -3811.0, 4000.0, -2900.25, 3000.0, 1500.0])
 """Counts per degree of an arm that exists nowhere, two of its motors mounted the other way round."""
 GEAR = SCALE / 30
@@ -68,7 +68,7 @@ def _paper_arm(q: Array) -> tuple[Array, Array]:
     return R[0], p[0]
 
 
-def _mastered(name: Maker) -> Mastered:
+def _mastered(name: MakerName) -> Mastered:
     """The paper's arm at a controller that takes its zeros for right."""
     at_zero = np.array([0.0, -90, 90, 0, 0, 0]) if name == "kuka" else np.zeros(6)
     per_deg = np.radians(1) * GEAR if name == "abb" else SCALE
@@ -92,7 +92,7 @@ def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Ar
 
 
 @pytest.mark.parametrize("name", MASTERED)
-def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: Maker) -> None:
+def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: MakerName) -> None:
     scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
     entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--for", name, *scale)
     controller = _mastered(name)
@@ -161,7 +161,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path,
     reading_deg = np.zeros(6)
     for one in found.entries:
         reading_deg[one.axis - 1] += one.reading_deg
-    assert CONTROLLERS[name].changes_reading == reading_deg.any()
+    assert maker_by(name).controller.changes_reading == reading_deg.any()
     np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
 
 
@@ -259,7 +259,7 @@ def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Pat
     assert f"next: rig correct {cell} --for fanuc -o {tmp_path / 'out-fanuc'}  # " in done.stderr
 
 
-@pytest.mark.parametrize("name", [*CONTROLLERS])
+@pytest.mark.parametrize("name", MAKERS)
 def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path: Path, name: str) -> None:
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
@@ -270,5 +270,6 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
 
 
 def test_every_controller_says_where_its_words_come_from() -> None:
-    for name, one in CONTROLLERS.items():
-        assert one.source and one.missing and one.steps, name
+    for name in MAKERS:
+        controller = maker_by(name).controller
+        assert controller.source and controller.missing and controller.steps, name

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.correct import correct_rig
-from analysis.correction.support import supports
+from analysis.correction.support import joint_zeros, link_constants, supports
 from analysis.correction.work import tool_poses
 from analysis.files.cells import TableFileError
 from analysis.kinematics.arm import Arm, Array, arm_of, forward

@@ -27,7 +27,7 @@ from rigs.edit import extended
 from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from tests.support.independent_arm import Wrong, constants_of, flange
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ FANUC |= {f"$PARAM_GROUP[1].$DH_D[{k}]": ("d", k - 1) for k in range(1, 7)}
 LENGTHS = KUKA | FANUC
 
 
-def _entered(name: str, maker: Maker, at: ControllerEntries) -> Wrong:
+def _entered(name: str, maker: MakerName, at: ControllerEntries) -> Wrong:
     """The constants of the controller after a person has entered the values, less the nominal ones."""
     change = {field: np.zeros(6) for field in ("offset", "a", "alpha", "d")}
     for one in at.entries:
@@ -119,7 +119,7 @@ def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
     ("name", "maker"),
     [("ur10e", "ur"), ("ur10e", "kuka"), ("paper-fanuc", "kuka"), ("ur10e", "fanuc"), ("paper-fanuc", "fanuc")],
 )
-def test_what_entries_leave_in_another_forward_kinematics_is_what_is_stated(name: str, maker: Maker) -> None:
+def test_what_entries_leave_in_another_forward_kinematics_is_what_is_stated(name: str, maker: MakerName) -> None:
     rig, wrong = _faulty(name)
     at, q = controller_entries(rig, supports(rig), maker), work_angles(rig)
     real = _tool_mm(rig, wrong, q)
@@ -133,7 +133,7 @@ def test_what_entries_leave_in_another_forward_kinematics_is_what_is_stated(name
 
 
 @pytest.mark.parametrize(("name", "maker"), [("ur10e", "ur"), ("paper-fanuc", "kuka")])
-def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Path, name: str, maker: Maker) -> None:
+def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Path, name: str, maker: MakerName) -> None:
     """The controller computes with its new constants, so it is sent where these and the posture say; the arm then
     stands where it should, with the wave that only targets hold."""
     rig, wrong = _faulty(name)

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.emulation.controller import COUNTS_PER_DEG, GEAR_RATIO, Controller
+from analysis.emulation.controller import Controller
+from analysis.makers.emulated import COUNTS_PER_DEG, GEAR_RATIO
 from rigs.errors import FileError
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from tests.support.interpreters.arms import rig_of
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 
-ARMS: dict[Maker, str] = {
+ARMS: dict[MakerName, str] = {
     "ur": "ur10e",
     "fanuc": "paper-fanuc",
     "kuka": "kuka-kr-10-r1100-2",
@@ -22,7 +23,7 @@ ARMS: dict[Maker, str] = {
 }
 
 
-def of(maker: Maker) -> Controller:
+def of(maker: MakerName) -> Controller:
     return Controller.of_rig(rig_of(ARMS[maker]), maker)
 
 
@@ -30,7 +31,7 @@ def entry(parameter: str, add: Any, unit: str, now: float | None = None) -> dict
     return {"parameter": parameter, "axis": 2, "add": add, "unit": unit, "now": now}
 
 
-def entered(maker: Maker, *entries: Any) -> Controller:
+def entered(maker: MakerName, *entries: Any) -> Controller:
     return of(maker).entered({"controller": {"name": maker, "entries": list(entries)}}, "corrections.yaml")
 
 
@@ -44,7 +45,7 @@ def entered(maker: Maker, *entries: Any) -> Controller:
     ],
 )
 def test_a_zero_changes_the_reading_as_at_a_controller_that_counts(
-    maker: Maker, parameter: str, unit: str, per_deg: float
+    maker: MakerName, parameter: str, unit: str, per_deg: float
 ) -> None:
     """Beside a controller that turns counts into readings by the maker's formula."""
     zero, none = np.array([1e5, -2e5, 3e4, 0, 7e3, -1e4]), np.zeros(6)
@@ -88,7 +89,7 @@ def test_deltas_of_a_universal_robot_are_those_of_the_makers_product() -> None:
         ("kuka", "length in $TFLWP", "d", 6),
     ],
 )
-def test_a_length_grows_whichever_its_sign(maker: Maker, parameter: str, field: str, axis: int) -> None:
+def test_a_length_grows_whichever_its_sign(maker: MakerName, parameter: str, field: str, axis: int) -> None:
     before = getattr(of(maker).arm, field)
     after = getattr(entered(maker, entry(parameter, 0.4, "mm", float(abs(before[axis - 1])))).arm, field)
     grown = np.abs(after) - np.abs(before)

@@ -17,21 +17,21 @@ import yaml
 from analysis.correction.correct import correct_rig
 from analysis.emulation.pendant import Pendant
 from analysis.geometry.programs import circle_program
+from analysis.makers.writing import programs_of, write_programs
 from analysis.reporting import correction_report
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import programs_of, write_programs
 from analysis.simulation.emulated_robot import Trace
 from rigs.effects import Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
-from rigs.schema.vocabulary import DrivenTest, Maker
+from rigs.schema.vocabulary import DrivenTest, MakerName
 from tests.support.faulty_arm import flange_at, frame
 from tests.support.independent_arm import Array, Wrong
 from tests.support.interpreters.arms import pose_of, rig_of
 
-CASES: list[tuple[Maker, str]] = [
+CASES: list[tuple[MakerName, str]] = [
     ("ur", "ur10e"),
     ("fanuc", "paper-fanuc"),
     ("kuka", "kuka-kr-10-r1100-2"),
@@ -54,13 +54,13 @@ class Cell:
     hidden: Rig
     programs: Path
     wrong: Wrong
-    maker: Maker
+    maker: MakerName
 
     def pendant(self) -> Pendant:
         return Pendant(self.hidden, self.programs, self.maker)
 
 
-def cell(maker: Maker, name: str, folder: Path, test: DrivenTest = "yaw") -> Cell:
+def cell(maker: MakerName, name: str, folder: Path, test: DrivenTest = "yaw") -> Cell:
     rig = rig_of(name).model_copy(update={"effects": ()})
     effects: list[Effect] = [
         JointOffset(axis=2, offset_deg=ZERO_2_DEG, found=found(offset_deg=0.002)),
@@ -99,7 +99,7 @@ def off_mm(cell: Cell, trace: Trace, more_deg: Array) -> Array:
 
 
 @pytest.mark.parametrize(("maker", "name"), CASES)
-def test_what_was_entered_brings_the_tool_onto_the_circle(maker: Maker, name: str, tmp_path: Path) -> None:
+def test_what_was_entered_brings_the_tool_onto_the_circle(maker: MakerName, name: str, tmp_path: Path) -> None:
     here = cell(maker, name, tmp_path / "programs")
     file = corrections(here, tmp_path / "found")
     pendant = here.pendant()
@@ -121,7 +121,7 @@ def test_what_was_entered_brings_the_tool_onto_the_circle(maker: Maker, name: st
 
 
 @pytest.mark.parametrize(("maker", "name"), CASES)
-def test_without_effects_the_joints_are_the_simulators(maker: Maker, name: str, tmp_path: Path) -> None:
+def test_without_effects_the_joints_are_the_simulators(maker: MakerName, name: str, tmp_path: Path) -> None:
     """The program's laps at the speed of the rig file: angles that the plan's own simulator drives, and its time."""
     here = cell(maker, name, tmp_path)
     trace = here.pendant().trace(plans_of(here.hidden, "yaw", 3.0)[1].name)
@@ -143,7 +143,7 @@ def pose_place(rig: Rig, q: Array) -> Array:
 
 @pytest.mark.parametrize("maker", ["ur", "yaskawa"])
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_targets_are_dwelt_at(maker: Maker, test: DrivenTest, tmp_path: Path) -> None:
+def test_targets_are_dwelt_at(maker: MakerName, test: DrivenTest, tmp_path: Path) -> None:
     here = cell(maker, "ur10e", tmp_path, test)
     trace = here.pendant().trace(f"{test} ur10e")
     stands = np.flatnonzero((np.diff(trace.t_s) > 2.9) & (np.abs(np.diff(trace.q, axis=0)).max(axis=1) < 1e-12))

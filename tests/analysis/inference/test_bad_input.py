@@ -102,6 +102,14 @@ def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
     assert abs(getattr(one.effect, "offset_deg", 0.0) + 0.12) < 3 * one.sd["offset_deg"]
 
 
+def test_a_wrong_zero_in_the_rig_file_is_doubted_and_taken_back_from_poses() -> None:
+    found = found_in([poses(26)], _with(JointOffset(axis=3, offset_deg=0.12)))
+    assert _has_doubt(found, "without joint_offset 3 of the rig file") and _has_doubt(found, "remove it")
+    (one,) = found.standing
+    assert name_of(one.effect) == "joint_offset 3"
+    assert abs(getattr(one.effect, "offset_deg", 0.0) + 0.12) < 3 * one.sd["offset_deg"]
+
+
 def test_targets_that_nothing_explains_are_outside_the_library() -> None:
     """Some targets off by a few tenths of a millimetre, each time the same: no scatter."""
     table = table_of("radial", None, 27)

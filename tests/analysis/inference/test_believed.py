@@ -52,7 +52,7 @@ def test_a_fault_beside_usual_errors_stands(fault: Effect, seed: int, least_um: 
 def test_exact_twins_are_one_name() -> None:
     """d2 and d3 move the arm along axes that are parallel: only what they make together is known."""
     truth = LinkGeometry(axis=2, field="d", delta=3.0)
-    found = found_in([*circles((truth,), seed=52, count=1), *circles((truth,), seed=53, count=1, tests=("roll",))])
+    found = found_in(circles((truth,), seed=52, count=1, tests=("yaw", "roll"), ways=("cw",)))
     assert found.condition == "named", "twins are no rivals"
     (one,) = found.standing
     assert {name_of(one.effect), *map(name_of, one.twins)} == {"link_geometry 2.d", "link_geometry 3.d"}

@@ -52,7 +52,7 @@ def test_every_octave_of_a_gears_orders_is_equally_likely(axis: int) -> None:
 def test_a_wave_of_another_order_may_be_beside_a_named_one(axis: int, kept: float) -> None:
     """The nearest form of a joint that turns little stands for six orders, of which the named wave takes one."""
     selection = Selection(healthy(), healthy_columns())
-    backgrounds, state = Backgrounds(healthy_columns()), replace(selection.initial_state(), level=1.0)
+    backgrounds, state = Backgrounds(healthy_columns(), "industrial"), replace(selection.initial_state(), level=1.0)
     name = f"transmission_error {axis}"
     orders = np.array([order_of(form.effects[0]) for form in healthy_columns().forms if form.name == name])
     before = _of(name, backgrounds.of(state).variance).reshape(-1, 2)
@@ -86,7 +86,7 @@ def test_what_the_model_contains_already_may_lack_either_sign() -> None:
 
 def test_a_named_effect_is_not_expected_beside_itself() -> None:
     selection = Selection(healthy(), healthy_columns())
-    backgrounds, state = Backgrounds(healthy_columns()), replace(selection.initial_state(), level=1.0)
+    backgrounds, state = Backgrounds(healthy_columns(), "industrial"), replace(selection.initial_state(), level=1.0)
     named = replace(state, refined=replace(state.refined, effects=(ServoLag(axis=3, lag_s=0.01),)))
     assert _of("servo_lag 3", backgrounds.of(state).mean).sum() == pytest.approx(MEAN)
     assert not _of("servo_lag 3", backgrounds.of(named).mean).any()

@@ -11,7 +11,7 @@ import pytest
 from analysis.inference.blocks import blocks_of
 from analysis.inference.observation import predicted
 from analysis.inference.responses import Linearisation, linearise
-from analysis.inference.setups import fit_run_setups, terms_of
+from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import SetUp
 from analysis.traces.tables import CircleTable
 from rigs.effects import (
@@ -92,7 +92,7 @@ def left_at(linear: Linearisation, effects: Sequence[Effect], setups: Mapping[st
 
 def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
-    assert linear.U.shape[1] == terms_of(linear.blocks[0].one.table) == 5
+    assert linear.U.shape[1] == linear.blocks[0].one.table.kind.setup_terms == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
         there = linear.responses((), linear.setups_moved_by(moved))
         shift = np.concatenate([block.white(added) for block, added in zip(linear.blocks, there, strict=True)])

@@ -7,16 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.inference.observation import (
-    GRID,
-    ORDER_OF,
-    ORDER_OF_TREND,
-    Sampling,
-    bridging,
-    curve,
-    observe_run,
-    sampling_of,
-)
+from analysis.inference.observation import GRID, ORDER_OF, Sampling, bridging, curve, observe_run, rms, sampling_of
+from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
@@ -125,9 +117,21 @@ def test_stands_at_both_ends_are_found_and_their_readings_averaged() -> None:
     np.testing.assert_allclose(one.sampling.stand_share, np.array([len(first), len(last)]) * GRID * 2 / lap)
     values = np.zeros((len(one.one.rows), 2))
     values[first] = [1.0, 3.0]
-    stands = one.sampling.without_trend().vector(values)[2 * HALF :]
+    entries = one.sampling.vector(values)
+    stands = entries[2 * HALF : 2 * HALF + 4]  # what follows is the trend of the laps
     np.testing.assert_allclose(stands, np.array([4.0, 2.0, 0.0, 0.0]) / np.sqrt(2), atol=1e-12)
-    assert len(one.sampling.without_stands().without_trend().vector(values)) == 2 * HALF
+    assert len(one.sampling.without_stands().vector(values)) == len(entries) - 4
+
+
+def test_the_error_of_a_lap_is_the_same_however_long_the_robot_stands_beside_it() -> None:
+    table = _circle("cw")
+    wave = 0.1 * np.sin(5 * np.linspace(0, 2 * np.pi, len(table.t_s)))
+    table = replace(table, g_mm=table.g_mm + wave[:, None])
+    errors = []
+    for stands in (0, 500):
+        placed, left = fit_run_setups([observe_run(model_of(RIG), _standing(table, stands, stands), "run")])
+        errors.append((rms(left), *placed["yaw"].ball))
+    assert errors[0] == pytest.approx(errors[1], rel=0.01) and errors[0][0] == pytest.approx(0.071, rel=0.05)
 
 
 @pytest.mark.parametrize("ends", [(60, 0), (0, 40), (2, 60)])

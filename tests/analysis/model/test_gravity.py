@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.kinematics.arm import Arm, Array, link_frames
-from analysis.model.gravity import Load, torques
+from analysis.model.gravity import Load, pull
 from tests.support.five_arms import ARMS, calibrated
 
 G = 9.80665
@@ -26,7 +26,7 @@ def test_torques_are_the_slope_of_the_potential_energy(name: str) -> None:
     arm = replace(calibrated(ARMS[name], seed=2), coupling=np.eye(6) + 0.2 * rng.normal(size=(6, 6)))
     load = Load(rng.uniform(1, 40, 6), rng.normal(0, 100, (6, 3)), payload_kg=7.5)
     q = rng.uniform(-3, 3, (2000, 6))
-    found = torques(arm, load, q)
+    found = pull(arm, load, q).torque
     assert found.shape == (2000, 6)
     for joint, step in enumerate(STEP * np.eye(6)):
         slope = (_energy(arm, load, q + step) - _energy(arm, load, q - step)) / (2 * STEP)
@@ -36,5 +36,22 @@ def test_torques_are_the_slope_of_the_potential_energy(name: str) -> None:
 def test_an_arm_that_weighs_nothing_has_no_torque() -> None:
     arm, q = ARMS["ur10e"], np.random.default_rng(4).uniform(-3, 3, (50, 6))
     nothing = Load(np.zeros(6), np.zeros((6, 3)), 0.0)
-    assert (torques(arm, nothing, q) == 0).all()
-    assert (torques(arm, replace(nothing, payload_kg=2.0), q) != 0).any()
+    assert (pull(arm, nothing, q).torque == 0).all()
+    assert (pull(arm, replace(nothing, payload_kg=2.0), q).torque != 0).any()
+
+
+def test_the_moment_on_the_base_is_that_of_every_weight_about_it() -> None:
+    rng = np.random.default_rng(5)
+    arm = calibrated(ARMS["ur10e"], seed=3)
+    leaning = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = leaning * np.linalg.det(leaning), (300.0, -200.0, 900.0)
+    arm = replace(arm, T_world_base=T)
+    load = Load(rng.uniform(1, 40, 6), rng.normal(0, 100, (6, 3)), payload_kg=7.5)
+    q = rng.uniform(-3, 3, (20, 6))
+    frames = link_frames(arm, q)
+    centres = np.einsum("nkij,kj->nki", frames[:, :, :3, :3], load.centre) + frames[:, :, :3, 3]
+    at = np.concatenate([centres, frames[:, 5:, :3, 3]], axis=1) - T[:3, 3]
+    forces = np.outer([*load.mass, load.payload_kg], [0, 0, -G])
+    in_world = np.cross(at, forces[None]).sum(axis=1) / 1000
+    np.testing.assert_allclose(pull(arm, load, q).moment, in_world @ T[:3, :3], atol=1e-9)

@@ -17,7 +17,14 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from analysis.measures.results import result_of
-from analysis.noise.certificate import as_shown, corrected, corrected_gauges, link_excess_mm, systematic
+from analysis.noise.certificate import (
+    as_shown,
+    beyond_certificates,
+    corrected,
+    corrected_gauges,
+    link_excess_mm,
+    systematic,
+)
 from analysis.simulation.emulated_robot import EmulatedRobot, Trace, target_trace, trace
 from analysis.traces.loading import measured_of
 from analysis.traces.tables import CircleTable, RadialTable
@@ -69,7 +76,8 @@ def test_a_warm_gauge_reads_short() -> None:
 def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
     rig = _rig(g1=TABLE, g2=PLAIN)
     g_mm = np.array([[-13.0, 40.0], [12.0, 40.0], [12.01, -40.0]])
-    found, doubts = corrected_gauges(rig, ["g1", "g2"], g_mm)
+    found, beyond = corrected_gauges(rig, ["g1", "g2"], g_mm)
+    doubts = beyond_certificates(rig, beyond, len(g_mm))
     assert doubts == [
         "g1: 2 of 3 readings lie beyond the -12 to 12 mm of its certificate D-K-1 2025-17; "
         "they are corrected as at its end"

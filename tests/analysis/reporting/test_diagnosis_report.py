@@ -21,6 +21,8 @@ from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.reporting.diagnosis_words import closed, plain, shortened, size, stretch, sure
+from analysis.reporting.page.model_charts import diagnosis_charts
+from analysis.reporting.texts import texts_of
 from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
 from rigs.errors import FileError
 from rigs.load import load
@@ -196,6 +198,14 @@ def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
     assert strand.part == "angle" and left_out == 0  # g1 and g2 of the curve have opposite signs
     (strand, *_), _ = strands_of(diagnosis())
     assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
+
+
+def test_circles_of_two_places_are_told_apart_by_their_titles() -> None:
+    both = diagnosis("named").curves
+    circles = diagnosis_charts(replace(diagnosis("named"), staircase=None, curves=(both[0], both[0])), texts_of("en"))
+    assert [chart.title.rsplit(", ", 1)[1] for chart in circles[:2]] == ["place 1", "place 2"]
+    alone = diagnosis_charts(replace(diagnosis("named"), staircase=None, curves=both[:1]), texts_of("en"))
+    assert "place" not in alone[0].title
 
 
 def test_the_files_of_a_named_effect(tmp_path: Path) -> None:

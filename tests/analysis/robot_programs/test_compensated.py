@@ -20,21 +20,22 @@ from scipy.spatial.transform import Rotation
 
 from analysis.correction.correct import correct_rig
 from analysis.correction.target_path import read_corrected_path
-from analysis.emulation.machine import Event, Pose, Round, Stood, Straight, Waited
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of, drive, lap, radial_stops
 from analysis.kinematics.arm import arm_of, forward
 from analysis.kinematics.newton import newton
+from analysis.makers import maker_by
+from analysis.makers.emulated import Event, Pose, Round, Stood, Straight, Waited
+from analysis.makers.writing import programs_of
 from analysis.reporting.correction_report import write
 from analysis.robot_programs.compensated import compensated, table_of
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.effects import Found, JointOffset
 from rigs.errors import FileError
 from rigs.load import load
-from rigs.schema.vocabulary import DrivenTest, Maker
+from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
 from tests.support.interpreters.driven import paths, run
@@ -79,8 +80,8 @@ def _planned(test: DrivenTest, path: Path) -> tuple[Plan, Demand]:
     return plan, demand_of(plan)
 
 
-def _driven(dialect: Maker, test: DrivenTest, path: Path) -> list[Event]:
-    newline = DIALECTS[dialect].newline
+def _driven(dialect: MakerName, test: DrivenTest, path: Path) -> list[Event]:
+    newline = maker_by(dialect).writer.newline
     files = programs_of(dialect, [_planned(test, path)])
     return run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, RIG)
 
@@ -110,9 +111,9 @@ def _column(path: Path, name: str) -> Array:
         return np.array([float(row[name]) for row in csv.DictReader(file)])
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_targets(
-    dialect: Maker, tables: Tables
+    dialect: MakerName, tables: Tables
 ) -> None:
     path, circle = tables("yaw"), circle_of(RIG)
     pieces = paths(_driven(dialect, "yaw", path))

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
-from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.command_line import ended
 
 LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
@@ -29,9 +29,9 @@ def planned() -> list[tuple[Plan, Demand]]:
     return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 def test_names_fit_the_controller_and_differ_between_directions(
-    dialect: Maker, planned: list[tuple[Plan, Demand]]
+    dialect: MakerName, planned: list[tuple[Plan, Demand]]
 ) -> None:
     files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
@@ -39,9 +39,9 @@ def test_names_fit_the_controller_and_differ_between_directions(
     assert all(re.fullmatch(r"[A-Za-z]\w*", name) and len(name) <= LONGEST[dialect] for name in names)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 def test_the_first_comment_is_the_override_and_the_clearance(
-    dialect: Maker, planned: list[tuple[Plan, Demand]]
+    dialect: MakerName, planned: list[tuple[Plan, Demand]]
 ) -> None:
     text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)

@@ -8,15 +8,16 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from analysis.emulation.machine import Round, Stood, Straight, Waited
 from analysis.geometry.iso_cube import cube_of
+from analysis.makers import maker_by
+from analysis.makers.emulated import Round, Stood, Straight, Waited
+from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import cube_plan, path_plan
-from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.interpreters.arms import pose_of, rig_of
 from tests.support.interpreters.driven import ROUNDING, run
 from tests.support.iso_plain import cube_places
@@ -32,8 +33,8 @@ def with_cube(arm: str) -> Rig:
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"iso9283": test})})
 
 
-def events_of(plan: Plan, dialect: Maker, rig: Rig) -> list[object]:
-    newline = DIALECTS[dialect].newline
+def events_of(plan: Plan, dialect: MakerName, rig: Rig) -> list[object]:
+    newline = maker_by(dialect).writer.newline
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return list(run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, rig))
 
@@ -43,9 +44,9 @@ def in_world(rig: Rig, places: np.ndarray) -> np.ndarray:
     return base.turn.apply(places) + base.place
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Maker) -> None:
+def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: MakerName) -> None:
     rig = with_cube(arm)
     cube = cube_of(rig)
     expected = cube_places(cube.centre_mm, cube.side_mm)[[0, *([4, 3, 2, 1, 0] * 3)]]
@@ -58,9 +59,9 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Mak
     assert sum(event.seconds >= 4.0 for event in events if isinstance(event, Waited)) == 15
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str, dialect: Maker) -> None:
+def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str, dialect: MakerName) -> None:
     rig = with_cube(arm)
     cube = cube_of(rig)
     _, p2, p3, p4, p5 = cube_places(cube.centre_mm, cube.side_mm)

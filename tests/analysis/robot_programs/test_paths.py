@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.emulation.machine import Array, Event, Held, Posture, Round, Stood, Straight, Waited
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of, circle_program, hemisphere_of, radial_stops, repeatability_stops
+from analysis.makers import maker_by
+from analysis.makers.emulated import Array, Event, Held, Posture, Round, Stood, Straight, Waited
+from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import DIALECTS, programs_of
-from rigs.schema.vocabulary import DrivenTest, Maker
+from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import ROUNDING, along, paths, run, stops
 from tests.support.interpreters.joints import postures
@@ -34,9 +35,9 @@ EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
 
 @lru_cache
-def programs(arm: str, test: DrivenTest, dialect: Maker) -> tuple[dict[str, str], ...]:
+def programs(arm: str, test: DrivenTest, dialect: MakerName) -> tuple[dict[str, str], ...]:
     """The files of each program of a test, lines ending as the controller's do."""
-    newline = DIALECTS[dialect].newline
+    newline = maker_by(dialect).writer.newline
     return tuple(
         {name: text.replace("\n", newline) for name, text in programs_of(dialect, [planned]).items()}
         for planned in planned_for(arm, test)
@@ -69,11 +70,11 @@ def tolerances(dialect: str) -> tuple[float, float]:
     return PLACE_MM.get(dialect, EXACT_MM), TURN_RAD.get(dialect, EXACT_RAD)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, dialect: Maker) -> None:
+def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, dialect: MakerName) -> None:
     files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
     pieces = paths(run(dialect, files, rig_of(arm)))
     way, *expected = simulated(arm, direction)
@@ -83,7 +84,7 @@ def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, 
 
 
 @pytest.mark.parametrize(("arm", "dialect"), [(arm, arm.partition("-")[0]) for arm in LIBRARY])
-def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Maker) -> None:
+def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: MakerName) -> None:
     """In the language of their maker: their angles are the controller's, with its signs and couplings."""
     pieces = paths(run(dialect, programs(arm, "yaw", dialect)[0], rig_of(arm)))
     way, *expected = simulated(arm, "acw")
@@ -95,7 +96,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Make
     ("arm", "dialect", "axes"),
     [("fanuc-m-10ia", "fanuc", (3, 4, 5)), ("yaskawa-gp7", "yaskawa", (3, 5, 0)), ("kuka-hanging", "fanuc", (3, 4, 5))],
 )
-def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: Maker, axes: list[int]) -> None:
+def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: MakerName, axes: list[int]) -> None:
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
     said = postures(rig, run(dialect, programs(arm, "yaw", dialect)[0], rig), start)
@@ -106,10 +107,10 @@ def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: M
         assert posture == Posture(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: Maker) -> None:
+def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: MakerName) -> None:
     rig = rig_of(arm)
     events = run(dialect, programs(arm, test, dialect)[0], rig)
     q = radial_stops(rig) if test == "radial" else repeatability_stops(rig)
@@ -117,9 +118,9 @@ def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: Maker) ->
     assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_link_is_never_pulled_between_targets(arm: str, dialect: Maker) -> None:
+def test_the_link_is_never_pulled_between_targets(arm: str, dialect: MakerName) -> None:
     """The way between targets keeps to the sphere, which the simulator's joint moves do not."""
     rig = rig_of(arm)
     sphere = hemisphere_of(rig)
@@ -129,8 +130,8 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: Maker) -> N
     assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < tolerances(dialect)[0]
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: Maker) -> None:
+@pytest.mark.parametrize("dialect", MAKERS)
+def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: MakerName) -> None:
     circle = circle_of(rig_of("ur10e"))
     pieces = paths(run(dialect, programs("ur10e", "yaw", dialect)[0], rig_of("ur10e")))
     ends = [number for number, piece in enumerate(pieces) if piece.stops]
@@ -142,8 +143,8 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
     assert all(isinstance(piece, Round) and np.degrees(piece.angle) <= 90.001 for piece in pieces)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: Maker) -> None:
+@pytest.mark.parametrize("dialect", MAKERS)
+def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerName) -> None:
     events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
     assert isinstance(first, Stood) and isinstance(line, Straight) and isinstance(hold, Held)

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.emulation.machine import Held, Shown, Switched
 from analysis.kinematics.arm import Array
+from analysis.makers import maker_by
+from analysis.makers.emulated import Held, Shown, Switched
+from analysis.makers.writing import feedback_note, programs_of
 from analysis.robot_programs.examine import demand_lines, demand_of
 from analysis.robot_programs.plan import Hold, Plan, Signal
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.ways import around
-from analysis.robot_programs.write import DIALECTS, feedback_note, programs_of
 from daq.feedback import line_feed
 from daq.protocol.conversation import Sample
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from tests.support.interpreters.driven import run
 
 RULES = [
@@ -42,8 +43,8 @@ def rig_with(name: str = "ur10e", **changes: Any) -> Rig:
     return parse(yaml.safe_dump(yaml.safe_load(text) | changes), "changed.yaml")
 
 
-def files_of(rig: Rig, dialect: Maker, plan: Plan) -> dict[str, str]:
-    newline = DIALECTS[dialect].newline
+def files_of(rig: Rig, dialect: MakerName, plan: Plan) -> dict[str, str]:
+    newline = maker_by(dialect).writer.newline
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return {name: text.replace("\n", newline) for name, text in files.items()}
 
@@ -77,7 +78,7 @@ def test_a_register_of_rtde_shows_the_signal() -> None:
 
 
 @pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
-def test_other_controllers_switch_the_outputs_that_were_named(dialect: Maker, names: tuple[int, ...]) -> None:
+def test_other_controllers_switch_the_outputs_that_were_named(dialect: MakerName, names: tuple[int, ...]) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     (plan,) = plans_of(rig, "repeatability", 3.0, names)
     switched = [event for event in run(dialect, files_of(rig, dialect, plan), rig) if isinstance(event, Switched)]
@@ -93,7 +94,7 @@ def test_nothing_is_switched_that_was_not_named() -> None:
 
 
 @pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
-def test_an_output_that_the_controller_does_not_have_is_refused(dialect: Maker, number: int) -> None:
+def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerName, number: int) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
     with pytest.raises(FileError, match=f"has no digital output {number}; give --outputs"):
@@ -143,7 +144,7 @@ def printed(text: str) -> bytes:
     ],
 )
 def test_the_program_starts_the_feedback_of_its_maker(
-    dialect: Maker, feedback: dict[str, Any], words: tuple[str, ...]
+    dialect: MakerName, feedback: dict[str, Any], words: tuple[str, ...]
 ) -> None:
     rig = rig_with(feedback=feedback)
     files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])

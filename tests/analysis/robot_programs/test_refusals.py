@@ -7,11 +7,12 @@ from functools import lru_cache
 
 import pytest
 
-from analysis.emulation.machine import ProgramError
+from analysis.makers import maker_by
+from analysis.makers.emulated import ProgramError
+from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import DIALECTS, programs_of
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.interpreters.arms import rig_of
 from tests.support.interpreters.driven import SUFFIX, run
 
@@ -38,17 +39,19 @@ MARKS = {
 
 
 @lru_cache
-def program(dialect: Maker) -> dict[str, str]:
+def program(dialect: MakerName) -> dict[str, str]:
     plan = plans_of(rig_of("ur10e"), "yaw", 3.0)[0]
     files = programs_of(dialect, [(plan, demand_of(plan))])
-    return {name: text.replace("\n", DIALECTS[dialect].newline) for name, text in files.items()}
+    return {name: text.replace("\n", maker_by(dialect).writer.newline) for name, text in files.items()}
 
 
-@pytest.mark.parametrize(("dialect", "mark"), [(dialect, mark) for dialect in DIALECTS for mark in MARKS[dialect]])
-def test_a_missing_mark_is_refused(dialect: Maker, mark: str) -> None:
+@pytest.mark.parametrize(
+    ("dialect", "mark"), [(dialect, mark) for dialect in MAKERS for mark in MARKS.get(dialect, ())]
+)
+def test_a_missing_mark_is_refused(dialect: MakerName, mark: str) -> None:
     files = program(dialect)
     name = next(name for name in files if name.endswith(SUFFIX[dialect]))
-    newline = DIALECTS[dialect].newline
+    newline = maker_by(dialect).writer.newline
     text = files[name].replace(newline, "\n")
     places = [found.span() for found in re.finditer(mark, text) if not _in_comment(text, found.start(), dialect)]
     assert places, f"the program has no {mark}"
@@ -63,8 +66,8 @@ def _in_comment(text: str, at: int, dialect: str) -> bool:
     return {"ur": "#", "fanuc": "!", "kuka": ";", "abb": "!", "yaskawa": "'"}[dialect] in line
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_program_without_a_slip_is_taken(dialect: Maker) -> None:
+@pytest.mark.parametrize("dialect", MAKERS)
+def test_the_program_without_a_slip_is_taken(dialect: MakerName) -> None:
     assert run(dialect, program(dialect), rig_of("ur10e"))
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import demand_of
-from analysis.robot_programs.write import programs_of
 from analysis.session.plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
 from analysis.session.state import Aim, Place, Try
 from daq.store import durable

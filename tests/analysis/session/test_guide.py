@@ -14,6 +14,7 @@ from analysis.session.cell import Run
 from analysis.session.next_step import Correct, Decide, Drive, Infer, next_of, why_nothing
 from analysis.session.state import Aim, Place, Session, Step, Try
 from rigs.errors import CellError
+from rigs.load import load
 from tests.support.nightly import cases
 from tests.support.session_cell import (
     NAMED,
@@ -37,16 +38,16 @@ def place(tmp_path: Path) -> Path:
     return tmp_path / "session"
 
 
+def _blank_page(_: Session, __: object, place: Place) -> Path:
+    page = place.directory / report.PAGE
+    page.write_text(" " * 20_000)
+    return page
+
+
 @pytest.fixture
 def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page is written without its charts, which are most of a session's time and are shown by the whole one."""
-
-    def written(_: Session, __: object, place: Place) -> Path:
-        page = place.directory / report.PAGE
-        page.write_text(" " * 20_000)
-        return page
-
-    monkeypatch.setattr(report, "write_report", written)
+    """The page is written without its charts, which are most of a session's time."""
+    monkeypatch.setattr(report, "write_report", _blank_page)
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     place = folder / "session"
     begun(cell_file(folder), place)
     driver, oracle, screen = Simulated(place), Oracle(), Screen()
-    return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "write_report", _blank_page)
+        return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen)
 
 
 def finished(session: Session, place: Path) -> None:
@@ -88,13 +91,17 @@ def finished(session: Session, place: Path) -> None:
 def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
     session = whole.session
     finished(session, whole.place)
-    assert "data:image/svg" in (whole.place / str(session.report)).read_text(), "with its charts"
     assert whole.driver.stages == ["yaw", "other", "yaw"]
     assert session.correction and session.correction.way in ("entries", "programs")
     found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
     assert whole.oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
     assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
     assert any("at the other place" in line for line in whole.screen.lines)
+
+
+def test_its_page_has_its_charts(whole: Whole) -> None:
+    page = report.write_report(whole.session, load(whole.session.rig_file)[0], Place(whole.place))
+    assert page.stat().st_size > 10_000 and "data:image/svg" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.cpu_limit(150)

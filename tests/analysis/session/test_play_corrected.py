@@ -14,7 +14,7 @@ from analysis.session.plan import Program, programs_of_steps, write_programs
 from rigs.effects import Backlash, Effect, Found
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from tests.support.faulty_arm import flange_at, frame
 from tests.support.independent_arm import Array, Wrong
 from tests.support.interpreters.arms import pose_of
@@ -57,7 +57,7 @@ def off_um(rig: Rig, q: Array) -> float:
 
 
 @pytest.mark.parametrize("maker", ["kuka", "ur"])
-def test_programs_that_know_a_play_take_most_of_it_away(maker: Maker, tmp_path: Path) -> None:
+def test_programs_that_know_a_play_take_most_of_it_away(maker: MakerName, tmp_path: Path) -> None:
     rig, _ = load(cell_file(tmp_path))
     session = begun(tmp_path / "cell.yaml", tmp_path / "session")
     steps = [step for step in session.steps if step.purpose == "find"]
@@ -73,7 +73,7 @@ def test_programs_that_know_a_play_take_most_of_it_away(maker: Maker, tmp_path: 
         assert off["unsure"][name] == pytest.approx(before, rel=0.1)
 
 
-def driven(rig: Rig, program: Program, maker: Maker, directory: Path) -> float:
+def driven(rig: Rig, program: Program, maker: MakerName, directory: Path) -> float:
     """How far the tool is from its circle where a controller of this maker drives a program, µm."""
     write_programs(maker, [program], directory)
     return off_um(rig, Pendant(rig, directory, maker).trace(program.name).q[::5])

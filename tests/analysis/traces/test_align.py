@@ -62,8 +62,8 @@ def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
     """After half a second's readings each 2.3 ms, one wait of at most 17 ms."""
     rows = 20 * 217
     waits = np.repeat(2.3e6 + 17e6 * np.linspace(0, 1, 20), 4)
-    assert not align.are_many(waits, rows) and not align.are_many(np.empty(0), rows)
-    assert align.are_many(np.append(waits, 26e6), rows) and align.are_many(np.tile(waits, 3), rows)
+    assert not align.are_many(len(waits), waits.max(), rows) and not align.are_many(0, 0.0, rows)
+    assert align.are_many(len(waits) + 1, 26e6, rows) and align.are_many(3 * len(waits), waits.max(), rows)
 
 
 def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:
@@ -83,12 +83,12 @@ def test_of_messages_that_a_network_bundles_the_newest_counts_and_the_others_are
     sent_ns = 1e6 * np.cumsum(np.random.default_rng(2).uniform(shortest_ms, longest_ms, 3000))
     arrived_ns = 40e6 * np.ceil(sent_ns / 40e6) + 1e5
     unknown = {"requested_ns": np.full(3000, -1.0), "device_time_s": np.full(3000, np.nan)}
-    found, doubts = robot_instants({**unknown, "first_byte_ns": arrived_ns}), list[str]()
+    found = robot_instants({**unknown, "first_byte_ns": arrived_ns})
     # private: what becomes of rows before gauges and robot are put together
-    track = align._track("robot", found, sent_ns[:, None], np.ones(3000, dtype=bool), doubts)
+    track, seen = align._track(found, sent_ns[:, None], np.ones(3000, dtype=bool), None)
     late_s = 1e-9 * float(np.mean(track.ns - track.values[:, 0]))
     assert 0.5 * found.u_s < late_s < 2 * found.u_s
-    (doubt,) = doubts
+    (doubt,) = align.doubts_of({"robot": seen}, 3000)
     assert doubt.startswith(f"robot: {3000 - len(track.ns)} rows are left out because they arrived together with a")
     assert set(track.values[:, 0]) == {sent_ns[arrived_ns == at].max() for at in np.unique(arrived_ns)}
 
@@ -102,11 +102,10 @@ def test_of_rows_that_a_coarse_clock_gives_one_time_the_first_had_it(step_s: flo
         "first_byte_ns": 1e9 * sent_s + 1e5,
         "device_time_s": clock_s,
     }
-    found, doubts = robot_instants(stream), list[str]()
     # private: what becomes of rows before gauges and robot are put together
-    track = align._track("robot", found, sent_s[:, None], np.ones(3000, dtype=bool), doubts)
+    track, seen = align._track(robot_instants(stream), sent_s[:, None], np.ones(3000, dtype=bool), None)
     assert np.abs(track.ns / 1e9 - track.values[:, 0]).max() < 0.012
-    assert "they have the same time as one before" in doubts[0]
+    assert "they have the same time as one before" in align.doubts_of({"robot": seen}, 3000)[0]
 
 
 def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.emulation.machine import Array, Event, Machine, Round, Stood, Straight
 from analysis.emulation.pendant import interpret
+from analysis.makers.emulated import Array, Event, Machine, Round, Stood, Straight
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MakerName
 from tests.support.interpreters.arms import flange_of, pose_of
 
 SUFFIX = {"ur": ".script", "fanuc": ".LS", "kuka": ".src", "abb": ".mod", "yaskawa": ".JBI"}
@@ -17,7 +17,7 @@ ROUNDING = 1e-6
 """mm and rad by which a line to where the arm stands already may move it, from the decimals of a program."""
 
 
-def run(dialect: Maker, files: dict[str, str], rig: Rig) -> list[Event]:
+def run(dialect: MakerName, files: dict[str, str], rig: Rig) -> list[Event]:
     """What the arm of a rig does with a program; its files by name. Raises ProgramError for one that is refused."""
     machine = Machine(flange_of(rig), pose_of(rig.robot.tool) if dialect == "yaskawa" else None)
     interpret(dialect, files, machine)

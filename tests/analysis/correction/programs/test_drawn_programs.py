@@ -19,9 +19,9 @@ from dev.trials.programs.grammars import draw
 from dev.trials.programs.trial import Corrected, correct, grave, judge, story
 from tests.support.nightly import cases
 
-_FOLLOWS = find_spec("analysis.correction.programs.machine") is not None
+_FOLLOWS = find_spec("analysis.makers.machine") is not None
 """Whether the reader follows the state of a program on every way."""
-_DRAWN, _PLAIN, _AT_NIGHT = 20, 8, 400
+_DRAWN, _PLAIN, _AT_NIGHT = 10, 8, 400
 _PARTS = [(dialect, part) for part in range(_AT_NIGHT // _DRAWN) for dialect in DIALECTS]
 
 

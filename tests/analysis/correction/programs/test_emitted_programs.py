@@ -12,22 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.correction.corrected_program import CorrectedProgram, correct_program
-from analysis.correction.programs.frames import frames_of
+from analysis.correction.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
-from analysis.emulation.machine import Event, Pose, Round, Stood, Straight
+from analysis.makers.emulated import Event, Pose, Round, Stood, Straight
+from analysis.makers.writing import programs_of, write_programs
 from analysis.robot_programs.compensated import targets_of
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import DIALECTS, programs_of, write_programs
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Maker
+from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
 from tests.support.independent_arm import Array
 from tests.support.interpreters.arms import pose_of, rig_of
 from tests.support.interpreters.driven import SUFFIX, run
 
-CASES: list[tuple[Maker, str]] = [
+CASES: list[tuple[MakerName, str]] = [
     ("ur", "ur10e"),
     ("fanuc", "paper-fanuc"),
     ("fanuc", "fanuc-m-10ia"),
@@ -38,7 +37,7 @@ CASES: list[tuple[Maker, str]] = [
 ]
 
 
-def _written(dialect: Maker, rig: Rig, directory: Path) -> tuple[Path, list[Array]]:
+def _written(dialect: MakerName, rig: Rig, directory: Path) -> tuple[Path, list[Array]]:
     """The program of a lap, and the joint angles of its targets."""
     plan = plans_of(rig, "yaw", 4.0)[0]
     write_programs(dialect, programs_of(dialect, [(plan, demand_of(plan))]), directory)
@@ -59,7 +58,7 @@ MOVES = Stood | Straight | Round
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)
 def test_the_wrong_arm_drives_the_corrected_program_as_the_right_one_the_given(
-    dialect: Maker, name: str, tmp_path: Path
+    dialect: MakerName, name: str, tmp_path: Path
 ) -> None:
     rig = rig_of(name)
     path, angles = _written(dialect, rig, tmp_path)
@@ -86,7 +85,7 @@ def test_the_wrong_arm_drives_the_corrected_program_as_the_right_one_the_given(
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)
-def test_nothing_but_numbers_of_targets_changes(dialect: Maker, name: str, tmp_path: Path) -> None:
+def test_nothing_but_numbers_of_targets_changes(dialect: MakerName, name: str, tmp_path: Path) -> None:
     rig = rig_of(name)
     path, _ = _written(dialect, rig, tmp_path)
     for file, data in _corrected(known(rig), path).files.items():
@@ -96,8 +95,8 @@ def test_nothing_but_numbers_of_targets_changes(dialect: Maker, name: str, tmp_p
         assert re.sub(number, b"#", data) == re.sub(number, b"#", given)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_without_anything_to_correct_the_program_stays_byte_for_byte(dialect: Maker, tmp_path: Path) -> None:
+@pytest.mark.parametrize("dialect", MAKERS)
+def test_without_anything_to_correct_the_program_stays_byte_for_byte(dialect: MakerName, tmp_path: Path) -> None:
     rig = rig_of("paper-fanuc").model_copy(update={"effects": ()})
     path, _ = _written(dialect, rig, tmp_path)
     found = _corrected(rig, path)

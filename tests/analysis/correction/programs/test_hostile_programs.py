@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.correction.corrected_program import CorrectedProgram, correct_program
-from analysis.correction.programs.frames import frames_of
-from analysis.correction.programs.target import WHY
+from analysis.correction.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
+from analysis.makers.target import WHY
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, JointOffset
 from rigs.load import load

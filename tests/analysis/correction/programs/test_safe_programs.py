@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.correction.corrected_program import CorrectedProgram, correct_program
-from analysis.correction.programs.frames import NO_FRAMES, frames_of
+from analysis.correction.corrected_program import NO_FRAMES, CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from analysis.reporting import program_report
 from rigs.rig import Rig

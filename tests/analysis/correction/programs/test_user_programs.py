@@ -15,12 +15,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.correction.corrected_program import CorrectedProgram, correct_program
-from analysis.correction.programs.frames import NO_FRAMES, frames_of
-from analysis.correction.programs.numbers import replaced, written
-from analysis.correction.programs.target import Number
+from analysis.correction.corrected_program import NO_FRAMES, CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from analysis.kinematics.arm import arm_of
+from analysis.makers.numbers import replaced, written
+from analysis.makers.target import Number
 from analysis.robot_programs.posture import posture_of, turns
 from rigs.effects import JointOffset
 from rigs.rig import Rig

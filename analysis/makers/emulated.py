@@ -1,0 +1,372 @@
+"""An emulated controller: the robot behind an interpreter, which moves as its controller would and remembers everything
+that it did; and the parameters that a person can enter there, from the maker's formula, apart from what writes
+corrections.
+
+Lengths mm, angles rad; a place is the tool's (3,), an orientation a scipy Rotation, both in the robot's base frame. The
+machine gets its arm as a function from joint angles to the flange, and its tool as the program or a person sets it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+Flange = Callable[[Array], tuple[Array, Array]]
+"""Rotation (3, 3) and place (3,) mm of the flange at joint angles (6,) rad."""
+Turning = Literal["fixed to path", "relative to path", "even", "angles"]
+"""How a controller turns the tool along an arc: fixed to the path from where it stands; from beginning to end relative
+to the path; about one axis in space; or each of its three angles by itself."""
+_FARTHEST_MM = 1e5
+"""No arm reaches a tenth of it; a number beyond is a slip."""
+_FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
+"""Arms on which a gauge is mounted are slower by far."""
+_SAME_MM, _SAME_RAD = 1e-6, 1e-9
+"""What two poses may differ by and be one: rounding."""
+
+
+COUNTS_PER_DEG = 3000.0
+"""Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""
+GEAR_RATIO = 100.0
+"""An axis of an emulated arm turns by a degree while its motor turns by so many. Chosen."""
+Field = Literal["reading", "offset", "a", "d", "alpha"]
+
+
+class ProgramError(Exception):
+    """A controller would refuse this program."""
+
+
+@dataclass
+class Tokens:
+    """The tokens of a program, each with its kind, of which those before `at` were taken."""
+
+    items: list[tuple[str, str]]
+    at: int = 0
+
+    @classmethod
+    def of(cls, text: str, token: re.Pattern[str], language: str) -> Tokens:
+        """Return the tokens of a text by a pattern whose groups are kinds, those of no kind and of the kind `skip` left
+        out. Raises ProgramError for a text that is not of the language."""
+        items, at = [], 0
+        while at < len(text):
+            match = token.match(text, at)
+            if not match:
+                raise ProgramError(f"{text[at : at + 20]!r} is not {language}")
+            if match.lastgroup not in (None, "skip"):
+                items.append((str(match.lastgroup), match[0]))
+            at = match.end()
+        return cls(items)
+
+    def peek(self) -> tuple[str, str]:
+        """Return kind and text of the next token, ("over", "") behind the last."""
+        return self.items[self.at] if self.at < len(self.items) else ("over", "")
+
+    def take(self, *expected: str) -> str:
+        """Take the next token, of one of some kinds or texts. Raises ProgramError for any other."""
+        kind, text = self.peek()
+        if kind not in expected and text not in expected:
+            raise ProgramError(f"{repr(text) if text else 'the end'} stands where {' or '.join(expected)} is expected")
+        self.at += 1
+        return text
+
+
+@dataclass(frozen=True)
+class Posture:
+    """What a position says of the arm's posture, in words that follow from the joint angles alone.
+
+    flip: axis 5 stands at a positive angle; counts: of axes 4, 5 and 6 or of 4, 6 and 1, as the language has them.
+    """
+
+    flip: bool
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a tool is: place (3,) mm and its turn in the base frame, and the posture of the arm where it is stated."""
+
+    place: Array
+    turn: Rotation
+    posture: Posture | None = None
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What a move may not exceed, None for what its language does not say.
+
+    share: of the greatest speed of each axis, 0 to 1; axis_rad_s, axis_rad_s2: of the fastest joint; mm_s, rad_s: of
+    the tool along its way and as it turns; mm_s2: its acceleration; seconds: what the move takes, whatever else is
+    said.
+    """
+
+    share: float | None = None
+    axis_rad_s: float | None = None
+    axis_rad_s2: float | None = None
+    mm_s: float | None = None
+    rad_s: float | None = None
+    mm_s2: float | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Stood:
+    """A joint move with a tool that ended here, at joint angles q (6,) rad or at a pose."""
+
+    pose: Pose
+    q: Array | None
+    tool: Pose
+    speed: Speed
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A move of a tool on a line, the tool turning evenly; stops: the tool stands at its end. Speed in mm/s."""
+
+    begin: Pose
+    end: Pose
+    speed_mm_s: float
+    stops: bool
+    tool: Pose
+    speed: Speed
+
+    @property
+    def length_mm(self) -> float:
+        """The length of the way in mm."""
+        return float(np.linalg.norm(self.end.place - self.begin.place))
+
+    @property
+    def turned_rad(self) -> float:
+        """The angle by which the tool turns, in rad."""
+        return float((self.end.turn * self.begin.turn.inv()).magnitude())
+
+    def at(self, share: Array) -> tuple[Array, Rotation]:
+        """Return places (n, 3) mm and orientations at shares (n,) of the way."""
+        places = self.begin.place + share[:, None] * (self.end.place - self.begin.place)
+        return places, _evenly(self.begin.turn, self.end.turn, share)
+
+
+@dataclass(frozen=True)
+class Round:
+    """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad; stops as of a line."""
+
+    begin: Pose
+    end: Pose
+    centre: Array
+    axis: Array
+    angle: float
+    turning: Turning
+    speed_mm_s: float
+    stops: bool
+    tool: Pose
+    speed: Speed
+
+    @property
+    def length_mm(self) -> float:
+        """The length of the arc in mm."""
+        return self.angle * float(np.linalg.norm(self.begin.place - self.centre))
+
+    @property
+    def turned_rad(self) -> float:
+        """The angle by which the way turns, in rad."""
+        return self.angle
+
+    def at(self, share: Array) -> tuple[Array, Rotation]:
+        """Return places (n, 3) mm and orientations at shares (n,) of the arc."""
+        around = Rotation.from_rotvec(self.angle * share[:, None] * self.axis)
+        return self.centre + around.apply(self.begin.place - self.centre), self._turned(around, share)
+
+    def _turned(self, around: Rotation, share: Array) -> Rotation:
+        begin, end = self.begin.turn, self.end.turn
+        match self.turning:
+            case "fixed to path":
+                return around * begin
+            case "relative to path":
+                whole = Rotation.from_rotvec(self.angle * self.axis)
+                return around * _evenly(begin, whole.inv() * end, share)
+            case "even":
+                return _evenly(begin, end, share)
+        first, last = begin.as_euler("xyz"), end.as_euler("xyz")
+        way = (last - first + np.pi) % (2 * np.pi) - np.pi
+        return Rotation.from_euler("xyz", first + share[:, None] * way)
+
+
+@dataclass(frozen=True)
+class Waited:
+    """The robot stood for so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Switched:
+    """A digital output was switched."""
+
+    output: int | str
+    on: bool
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A whole number was written to an output register."""
+
+    register: int
+    value: int
+
+
+@dataclass(frozen=True)
+class Held:
+    """The program waited for a person."""
+
+
+Event = Stood | Straight | Round | Waited | Switched | Shown | Held
+
+
+def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
+    vector = (end * begin.inv()).as_rotvec()
+    return Rotation.from_rotvec(share[:, None] * vector) * begin
+
+
+def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
+    """Return centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c: the point of their
+    plane that is as far from each. Raises ProgramError for places of which no arc leads."""
+    normal = np.cross(b - a, c - b)
+    if np.linalg.norm(normal) < 1e-6:
+        raise ProgramError("the points of an arc lie on a line")
+    axis = normal / np.linalg.norm(normal)
+    planes = np.stack([b - a, c - a, axis])
+    centre = np.linalg.solve(planes, [(b @ b - a @ a) / 2, (c @ c - a @ a) / 2, axis @ a])
+    u = (a - centre) / np.linalg.norm(a - centre)
+    angles = [np.arctan2((p - centre) @ np.cross(axis, u), (p - centre) @ u) % (2 * np.pi) for p in (b, c)]
+    if not 0 < angles[0] < angles[1]:
+        raise ProgramError("the middle of an arc is not between its ends")
+    return centre, axis, float(angles[1])
+
+
+class Machine:
+    """An arm with a tool, and what it did."""
+
+    def __init__(self, flange: Flange, tool: Pose | None = None) -> None:
+        self._flange = flange
+        self._tool = tool
+        self.events: list[Event] = []
+        self._pose: Pose | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """Where the tool is. Raises ProgramError before the program has moved to a first place."""
+        if self._pose is None:
+            raise ProgramError("the program moves on a path before it has been anywhere")
+        return self._pose
+
+    @property
+    def tool(self) -> Pose:
+        """The tool in the flange's frame. Raises ProgramError before there is one."""
+        if self._tool is None:
+            raise ProgramError("the program moves before it has a tool")
+        return self._tool
+
+    @tool.setter
+    def tool(self, tool: Pose) -> None:
+        old, self._tool = self._tool, _finite(tool)
+        if old and self._pose and not _same(old, tool):
+            turn = self._pose.turn * old.turn.inv()
+            self._pose = Pose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
+
+    def joints(self, q: Array, speed: Speed) -> None:
+        """Move to joint angles q (6,) rad and stop there."""
+        if np.shape(q) != (6,) or not np.isfinite(q).all():
+            raise ProgramError("a joint move has no six joint angles")
+        matrix, place = self._flange(q)
+        turn = Rotation.from_matrix(matrix)
+        self._pose = Pose(place + turn.apply(self.tool.place), turn * self.tool.turn)
+        self.events.append(Stood(self._pose, q, self.tool, speed))
+
+    def go(self, pose: Pose, speed: Speed) -> None:
+        """Move all joints together to a pose and stop there."""
+        self._pose = _finite(pose)
+        self.events.append(Stood(pose, None, self.tool, speed))
+
+    def line(self, pose: Pose, speed_mm_s: float, *, stops: bool, speed: Speed) -> None:
+        """Move the tool on a line to a pose, at a speed in mm/s along it."""
+        self.events.append(Straight(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
+        self._pose = pose
+
+    def turn(self, pose: Pose, speed_rad_s: float) -> None:
+        """Turn about the tool's origin to a pose; a speed of turning in rad/s is no speed for a way."""
+        if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < _FASTEST_RAD_S:
+            raise ProgramError("a turn has the speed of a turn, and no way")
+        self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=Speed(rad_s=speed_rad_s))
+
+    def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: Speed) -> None:
+        """Move the tool on the arc through a place `via` (3,) mm to a pose, at a speed in mm/s."""
+        begin = self.pose
+        centre, axis, angle = circle_through(begin.place, via, _finite(end).place)
+        way = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops, self.tool, speed)
+        self.events.append(way)
+        self._pose = Pose(end.place, way.at(np.ones(1))[1][0])
+
+    def wait(self, seconds: float) -> None:
+        """Stand for so many seconds."""
+        if not 0 <= seconds < np.inf:
+            raise ProgramError(f"{seconds} s is no time to wait")
+        self.events.append(Waited(seconds))
+
+
+def _same(first: Pose, second: Pose) -> bool:
+    return bool(
+        np.abs(first.place - second.place).max() < _SAME_MM and (first.turn.inv() * second.turn).magnitude() < _SAME_RAD
+    )
+
+
+def _finite(pose: Pose) -> Pose:
+    if not np.abs(pose.place).max() < _FARTHEST_MM or not np.isfinite(pose.turn.as_quat()).all():
+        raise ProgramError(f"{pose.place} mm is no place of an arm")
+    return pose
+
+
+def _speed(speed_mm_s: float) -> float:
+    if not 0 < speed_mm_s < _FASTEST_MM_S:
+        raise ProgramError(f"{speed_mm_s} mm/s is no speed of a robot")
+    return speed_mm_s
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter by its name at the controller; {axis} is the number of a joint, from 1. field: what of the arm it
+    changes, by `factor` mm or rad for each unit; later: by how many axes the rig file has it later; axis: from 1, where
+    the name has none; grows: the length grows, whichever its sign."""
+
+    name: str
+    unit: str
+    field: Field
+    factor: float
+    later: int = 0
+    axis: int = 0
+    grows: bool = False
+
+    def axis_of(self, name: str) -> int | None:
+        """Return the axis of the rig file, from 1, where this is its name."""
+        match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
+        return (self.axis or int(match[1]) + self.later) if match else None
+
+
+READING = Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
+"""For a person who has no counts per degree: the reading is set by whatever the maker's menus offer."""
+
+
+@dataclass(frozen=True)
+class ProgramDriver:
+    """run: drives a machine with the text of the file that has the motion, and with that of its data list; raises
+    ProgramError for a program that is refused. parameters: what a person can enter; tool_entered: the program does not
+    set its tool, a person enters it at the controller."""
+
+    run: Callable[[str, str, Machine], None]
+    parameters: tuple[Parameter, ...]
+    tool_entered: bool = False

@@ -1,0 +1,569 @@
+"""A program as an abstract machine: what is certain of tool, frame and displacement at each move, on every way to it.
+
+A dialect translates its text into routines of a few statements. The machine goes every way through them: branches are
+joined, loops run to their fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
+one says which line made it so. What a dialect's closed list does not have is `Forget`: everything is unknown after it.
+
+A routine is gone through once for each state in which it is called, whatever the places are at which the arm stands
+then: these are joined at the end. What runs beside the program (interrupts, threads) may run at any moment, so the
+parts that it may change are unknown everywhere.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+OFF = "off"
+"""The value of a part, such as a displacement, that does nothing."""
+HERE = " here"
+"""Parts whose name ends so are set for the next move alone."""
+_MOST_STATES = 64
+"""States in which one routine is gone through; further ones count as unknown altogether. Chosen: a routine of a real
+program is called with a few tools and frames."""
+_DEEPEST = 60
+"""Calls within calls that are followed; below, the state is unknown. Controllers allow fewer (some about 20)."""
+
+
+@dataclass(frozen=True, order=True)
+class Unknown:
+    """What is not known, and why: a place in the program, and words that complete "line n: …"; whether `everything` is
+    unknown there, or just that part, which may have one value or another."""
+
+    file: int
+    line: int
+    why: str
+    everything: bool = False
+
+
+@dataclass(frozen=True)
+class Ref:
+    """The value that a part has at that moment."""
+
+    part: str
+
+
+_KEPT = Unknown(0, 0, "a routine of these files sets it, and it keeps that for the next cycle")
+Value = str | tuple[float, ...] | Unknown
+"""A name, the 16 numbers of a frame in mm, or unknown."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """What is made of the values that parts have at that moment."""
+
+    parts: tuple[str, ...]
+    make: Callable[[tuple[Value, ...]], Value]
+
+
+@dataclass(frozen=True)
+class Set:
+    """A part takes a value."""
+
+    part: str
+    value: Value | Ref | Built
+
+
+@dataclass(frozen=True)
+class Lose:
+    """All parts of a family, "UFRAME" of "UFRAME[3]", become unknown."""
+
+    family: str
+    why: Unknown
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Everything becomes unknown."""
+
+    why: Unknown
+
+
+@dataclass(frozen=True)
+class Call:
+    """A routine runs, in whose text `why` is the reason where there is none."""
+
+    name: str
+    why: Unknown
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """The arm moves to where no target of the program is."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A place to jump to."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Jump:
+    """The way goes on at one of the labels, or at the next statement too if it `falls` through."""
+
+    labels: tuple[str, ...]
+    falls: bool = False
+
+
+@dataclass(frozen=True)
+class End:
+    """The routine returns, or, if it `halts`, the program ends."""
+
+    halts: bool = False
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move to a point. `needs` are the parts that must be off, `trusts` the part that is "on" where the flags of
+    posture count, or "checked" where the way has to lead to them, if there is one, and `near` (6,) rad angles beside
+    which the controller looks for a solution.
+    `offset` is added to the point: a kind, "frame" or "tool", with the 16 numbers of a frame in mm, or unknown."""
+
+    key: str
+    way: str
+    file: int
+    line: int
+    tool: Value | Ref | Built = ""
+    frame: Value | Ref | Built = ""
+    needs: tuple[str, ...] = ()
+    trusts: str | None = None
+    near: tuple[float, ...] | None = None
+    offset: tuple[str, Value | Built] | None = None
+    base: str = ""
+    """The key of the point itself, where `key` is that of a point with an offset."""
+
+
+Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
+
+
+@dataclass(frozen=True)
+class Program:
+    """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
+    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere.
+
+    A part of the families `kept` stays what any routine, also one without a call, has made it: a program may have
+    been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
+    all parts as they are where it ends."""
+
+    routines: Mapping[str, tuple[Statement, ...]]
+    initial: Callable[[str], Value]
+    beside: tuple[Call, ...] = ()
+    broken: tuple[Call, ...] = ()
+    kept: tuple[str, ...] = ()
+    cycles: bool = False
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What holds where a move is made: the parts that it looks at, and the keys of the points from which the arm comes,
+    None for a place that is not certain."""
+
+    move: Move
+    tool: Value
+    frame: Value
+    needs: tuple[tuple[str, Value], ...]
+    trusts: Value
+    offset: tuple[str, Value] | None
+    comes_from: frozenset[str | None]
+
+
+@dataclass(frozen=True)
+class State:
+    """Parts with their values; those of a family in `lost`, or all if "" is in it, are unknown unless set since."""
+
+    values: Mapping[str, Value] = field(default_factory=dict)
+    lost: Mapping[str, Unknown] = field(default_factory=dict)
+    stands: frozenset[object] = frozenset()
+
+    def key(self) -> tuple[frozenset[object], frozenset[object]]:
+        """What distinguishes states in which a routine is called."""
+        return frozenset(self.values.items()), frozenset(self.lost.items())
+
+
+@dataclass
+class _Context:
+    """A routine in one state: the states before its statements, and where the arm stands when it is called."""
+
+    number: int
+    routine: str
+    entry: State
+    before: dict[int, State] = field(default_factory=dict)
+    after: State | None = None
+    running: bool = True
+    called_from: set[object] = field(default_factory=set)
+
+
+class _Machine:
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.contexts: list[_Context] = []
+        self.by_key: dict[object, _Context] = {}
+        self.count: dict[str, int] = {}
+        self.later: set[str] = set()
+        self.active: list[str] = []
+        self.halted: list[State] = []
+        """The states in which the program ends within a routine."""
+        self.flow = {name: _successors(body) for name, body in program.routines.items()}
+        self.pinned, self.pinned_all, self.moved = self._beside()
+
+    def _beside(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
+        """Return what routines that run at any moment may change: parts and families, everything, where the arm is."""
+        pinned: dict[str, Unknown] = {}
+        everything: Unknown | None = None
+        moved, seen = False, set()
+        todo = [*self.program.beside, *self.program.broken]
+        while todo:
+            call = todo.pop()
+            body = self.program.routines.get(call.name)
+            if body is None:
+                everything, moved = min(everything or call.why, call.why), True
+            elif call.name not in seen:
+                seen.add(call.name)
+                for statement in body:
+                    if isinstance(statement, Set):
+                        if not statement.part.endswith(HERE):
+                            pinned.setdefault(statement.part, call.why)
+                    elif isinstance(statement, Lose):
+                        pinned.setdefault(statement.family, call.why)
+                    elif isinstance(statement, Forget):
+                        everything, moved = min(everything or statement.why, statement.why), True
+                    elif isinstance(statement, Call):
+                        todo.append(statement)
+                    elif isinstance(statement, Move | Elsewhere):
+                        moved = True
+        return pinned, everything, moved
+
+    def value(self, state: State, part: str) -> Value:
+        if self.pinned_all:
+            return replace(self.pinned_all, everything=True)
+        if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
+            return pinned
+        if part in state.values:
+            return state.values[part]
+        if lost := state.lost.get(family_of(part)):
+            return lost
+        if lost := state.lost.get(""):
+            return replace(lost, everything=True)
+        return self.program.initial(part)
+
+    def resolved(self, state: State, value: Value | Ref | Built) -> Value:
+        if isinstance(value, Built):
+            return value.make(tuple(self.value(state, part) for part in value.parts))
+        return self.value(state, value.part) if isinstance(value, Ref) else value
+
+    def join(self, first: State, second: State, place: Unknown) -> State:
+        if first is second:
+            return first
+        values = {
+            part: _joined(self.value(first, part), self.value(second, part), place)
+            for part in first.values.keys() | second.values.keys()
+        }
+        lost = dict(first.lost)
+        for name, why in second.lost.items():
+            lost[name] = min(lost.get(name, why), why)
+        return State(values, lost, first.stands | second.stands)
+
+    def context(self, routine: str, entry: State) -> _Context:
+        """Return a routine gone through from a state."""
+        key = (routine, entry.key())
+        if key in self.by_key:
+            context = self.by_key[key]
+            context.called_from |= entry.stands
+            return context
+        self.count[routine] = self.count.get(routine, 0) + 1
+        context = _Context(len(self.contexts), routine, entry, called_from=set(entry.stands))
+        self.contexts.append(context)
+        self.by_key[key] = context
+        self.active.append(routine)
+        self._through(context)
+        self.active.pop()
+        context.running = False
+        return context
+
+    def _through(self, context: _Context) -> None:
+        """Go through a routine until no state before a statement changes any more."""
+        body, flow = self.program.routines[context.routine], self.flow[context.routine]
+        begin = State(context.entry.values, context.entry.lost, frozenset({context.number}))
+        context.before[0] = begin
+        todo = [0]
+        waiting = {0}
+        while todo:
+            at = heapq.heappop(todo)
+            waiting.discard(at)
+            if at >= len(body):
+                continue
+            after = self._step(body[at], context.before[at])
+            if after is None:
+                continue
+            for following in flow[at]:
+                old = context.before.get(following)
+                new = after if old is None else self.join(old, after, _place_of(body, following))
+                if old is None or new != old:
+                    context.before[following] = new
+                    if following not in waiting:
+                        waiting.add(following)
+                        heapq.heappush(todo, following)
+        context.after = context.before.get(len(body))
+
+    def _step(self, statement: Statement, state: State) -> State | None:
+        """Return the state after a statement; None where the way ends."""
+        match statement:
+            case Set(part, value):
+                return replace(state, values={**state.values, part: self.resolved(state, value)})
+            case Lose(family, why):
+                kept = {part: value for part, value in state.values.items() if family_of(part) != family}
+                return State(kept, {**state.lost, family: why}, state.stands)
+            case Forget(why):
+                return State({}, {"": why}, frozenset({None}))
+            case Elsewhere() | Move():
+                key = statement.key if isinstance(statement, Move) else None
+                return replace(state, stands=frozenset({key}))
+            case Call(name, why):
+                return self._called(name, why, state)
+            case _:
+                if isinstance(statement, End) and statement.halts:
+                    self.halted.append(state)
+                return state
+
+    def _called(self, name: str, why: Unknown, state: State) -> State | None:
+        lost = State({}, {"": why}, frozenset({None}))
+        if name not in self.program.routines:
+            return lost
+        if self.count.get(name, 0) >= _MOST_STATES or len(self.active) >= _DEEPEST or name in self.active:
+            self.later.add(name)
+            return lost
+        context = self.context(name, state)
+        if context.after is None:
+            return None
+        stands = {*context.after.stands}
+        if context.number in stands:
+            stands = (stands - {context.number}) | state.stands
+        return replace(context.after, stands=frozenset(stands))
+
+    def run(self) -> list[Usage]:
+        """Return the moves of the program with what holds there."""
+        called = {
+            statement.name
+            for body in self.program.routines.values()
+            for statement in body
+            if isinstance(statement, Call)
+        }
+        names_beside = {call.name for call in self.program.beside}
+        begins = [name for name in self.program.routines if name not in called and name not in names_beside]
+        begin = State(*self._kept(), frozenset({None}))
+        for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
+            self._cycle(name, begin)
+        self.later |= {name for name in names_beside if name in self.program.routines}
+        self._in_any_state()
+        reached = {context.routine for context in self.contexts}
+        for name in self.program.routines.keys() - reached:  # called by nobody who is reached: cycles
+            self.later.add(name)
+        self._in_any_state()
+        return self._usages()
+
+    def _cycle(self, name: str, begin: State) -> None:
+        """Go through a routine with which the program begins, and again from where it ends, if it begins again there,
+        until nothing changes."""
+        while True:
+            self.halted.clear()
+            after = self.context(name, begin).after
+            if not self.program.cycles:
+                return
+            again = begin
+            for end in ([after] if after else []) + self.halted:
+                values = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
+                again = self.join(again, State(values, end.lost, begin.stands), _KEPT)
+            if again.key() == begin.key():
+                return
+            begin = again
+
+    def _kept(self) -> tuple[dict[str, Value], dict[str, Unknown]]:
+        """Return the parts, and the families, that a routine of the program sets and the controller keeps, where that
+        is not what they are at the beginning."""
+        parts: dict[str, Value] = {}
+        families: dict[str, Unknown] = {}
+        for statement in (statement for body in self.program.routines.values() for statement in body):
+            match statement:
+                case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
+                    parts[part] = value if isinstance(value, Unknown) else _KEPT
+                case Lose(family, why) if f"{family}[".startswith(self.program.kept):
+                    families[family] = why
+        return parts, families
+
+    def _in_any_state(self) -> None:
+        done: set[str] = set()
+        while todo := sorted(self.later - done):
+            for name in todo:
+                done.add(name)
+                why = Unknown(-1, 0, f"{name} can be called in any state")
+                self.context(name, State({}, {"": why}, frozenset({None})))
+
+    def _usages(self) -> list[Usage]:
+        stands = self._stands()
+        usages: dict[object, Usage] = {}
+        for context in self.contexts:
+            body = self.program.routines[context.routine]
+            for at, state in sorted(context.before.items()):
+                if at < len(body) and isinstance(move := body[at], Move):
+                    comes_from = _resolved(stands, state.stands)
+                    usage = Usage(
+                        move,
+                        self.resolved(state, move.tool),
+                        self.resolved(state, move.frame),
+                        tuple((part, self.value(state, part)) for part in move.needs),
+                        self.value(state, move.trusts) if move.trusts else "on",
+                        (move.offset[0], self.resolved(state, move.offset[1])) if move.offset else None,
+                        comes_from | {None} if self.moved else comes_from,
+                    )
+                    key = (id(move), usage.tool, usage.frame, usage.needs, usage.trusts, usage.offset)
+                    old = usages.get(key)
+                    usages[key] = usage if old is None else replace(old, comes_from=old.comes_from | usage.comes_from)
+        return list(usages.values())
+
+    def _stands(self) -> list[set[str | None]]:
+        """Return, for each context, the points at which the arm may stand when it begins."""
+        stands: list[set[str | None]] = [set() for _ in self.contexts]
+        changed = True
+        while changed:
+            changed = False
+            for context in self.contexts:
+                points = stands[context.number]
+                before = len(points)
+                points |= _resolved(stands, context.called_from)
+                changed |= len(points) > before
+        return stands
+
+
+def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
+    """Return the points that places are: keys, None, or contexts for where the arm stands when they begin."""
+    points: set[str | None] = set()
+    for place in places:
+        points |= stands[place] if isinstance(place, int) else {place if isinstance(place, str) else None}
+    return frozenset(points)
+
+
+def usages_of(program: Program) -> list[Usage]:
+    """Return every move that a program can make, with what is certain there on every way to it."""
+    return _Machine(program).run()
+
+
+def family_of(part: str) -> str:
+    """Return "UFRAME" of "UFRAME[3]"."""
+    return part.partition("[")[0]
+
+
+def _joined(first: Value, second: Value, place: Unknown) -> Value:
+    if first == second:
+        return first
+    unknown = [value for value in (first, second) if isinstance(value, Unknown)]
+    return min(unknown) if unknown else place
+
+
+def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
+    """Return what is said where ways with different values come together: before the next move or call."""
+    for statement in body[at:]:
+        if isinstance(statement, Move):
+            return Unknown(statement.file, statement.line, "it differs between the ways that lead here")
+        if isinstance(statement, Call):
+            return Unknown(statement.why.file, statement.why.line, "it differs between the ways that lead here")
+    return Unknown(0, 0, "it differs between the ways that lead here")
+
+
+def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
+    """Return where each statement of a routine leads; its length is where it returns. A label that is not there leads
+    to the end of the program."""
+    places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, Label)}
+    flow: list[tuple[int, ...]] = []
+    for at, statement in enumerate(body):
+        if isinstance(statement, Jump):
+            targets = {places[name] for name in statement.labels if name in places}
+            flow.append(tuple(sorted(targets | ({at + 1} if statement.falls else set()))))
+        elif isinstance(statement, End):
+            flow.append(() if statement.halts else (len(body),))
+        else:
+            flow.append((at + 1,))
+    return flow
+
+
+class Blocks:
+    """The statements of a routine while its text is read, with blocks as jumps: whatever a condition says, each branch
+    is a way, and a loop runs any number of times."""
+
+    def __init__(self) -> None:
+        self.body: list[Statement] = []
+        self._open: list[tuple[str, str, str]] = []
+        self._labels = 0
+
+    def add(self, *statements: Statement) -> None:
+        """Take statements in their order."""
+        self.body += statements
+
+    def _label(self) -> str:
+        self._labels += 1
+        return f"\0{self._labels}"
+
+    def branch(self) -> None:
+        """Begin a block with branches, after what its first condition calls."""
+        self._open.append(("branch", self._label(), self._label()))
+        self.guard()
+
+    def cases(self) -> None:
+        """Begin a block whose branches are cases; without one for all others it may be passed by."""
+        self._open.append(("branch", self._label(), self._label()))
+        self.add(Jump((self._open[-1][1],)))
+
+    def other(self) -> None:
+        """Begin another branch of the block; without a guard it is taken where no other is."""
+        if self._open and self._open[-1][0] == "branch":
+            _, branch_label, end = self._open[-1]
+            self._open[-1] = ("branch", self._label(), end)
+            self.add(Jump((end,)), Label(branch_label))
+
+    def guard(self) -> None:
+        """The branch may be skipped, after what its condition calls."""
+        if self._open and self._open[-1][0] == "branch":
+            self.add(Jump((self._open[-1][1],), falls=True))
+
+    def loop(self) -> None:
+        """Begin a loop at its head, before what its condition calls."""
+        self._open.append(("loop", self._label(), self._label()))
+        self.add(Label(self._open[-1][1]))
+
+    def may_leave(self) -> None:
+        """The innermost loop may end here."""
+        self.add(Jump((self._innermost(2),), falls=True))
+
+    def leave(self) -> None:
+        """The innermost loop ends here."""
+        self.add(Jump((self._innermost(2),)))
+
+    def again(self) -> None:
+        """The innermost loop goes on at its head."""
+        self.add(Jump((self._innermost(1),)))
+
+    def _innermost(self, which: int) -> str:
+        return next((block[which] for block in reversed(self._open) if block[0] == "loop"), "")
+
+    def close(self) -> None:
+        """End the innermost block."""
+        if not self._open:
+            return
+        kind, first, end = self._open.pop()
+        if kind == "loop":
+            self.add(Jump((first,)), Label(end))
+        else:
+            self.add(Label(first), Label(end))
+
+    @property
+    def depth(self) -> int:
+        """How many blocks are open."""
+        return len(self._open)
+
+    def done(self) -> tuple[Statement, ...]:
+        """Return the routine; blocks that never end do so here."""
+        while self._open:
+            self.close()
+        return tuple(self.body)

@@ -1,0 +1,241 @@
+"""The points of a program with the moves that use them: which can be corrected, and why the others cannot.
+
+A point of one name is one target, however often it is used. It is corrected only where every move to it, on every way,
+has the same tool and frame and nothing that moves it elsewhere, and where nothing else in the program names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.makers.machine import OFF, Program, Ref, Unknown, Usage, Value, usages_of
+from analysis.makers.target import Left, Named, Parsed, Reason, Step, Target
+
+_BY_PART: dict[str, Reason] = {
+    "shift": "displaced",
+    "tracking": "tracked",
+    "external_tcp": "external_tcp",
+    "coordinated": "coordinated",
+    "switch": "switched",
+    "selected": "selected",
+    "option": "not_understood",
+}
+"""Why a point is left where this part is not off, or not on every way."""
+
+
+@dataclass
+class _Point:
+    """A declared point."""
+
+    target: Target
+    reason: Reason | None
+    changed: Unknown | None = None
+    usages: list[Usage] = field(default_factory=list)
+
+
+@dataclass
+class Points:
+    """The points of a program while it is read, and moves that have none. `silent` are keys of points that are not
+    listed where no move uses them, `files` is how many of the texts are corrected: the others stand beside."""
+
+    files: int
+    silent: set[str] = field(default_factory=set)
+    _points: dict[str, _Point] = field(default_factory=dict)
+    _left: list[Left] = field(default_factory=list)
+    _sets: list[Named] = field(default_factory=list)
+
+    def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
+        """Take a point; with a reason it can be moved to, and cannot be corrected."""
+        if key in self._points:
+            self.change(key, target.file, target.line)
+            if target.file < self.files and key not in self.silent:
+                self.leave(Left(target.file, target.line, target.name, "changed"))
+        else:
+            self._points[key] = _Point(target, reason)
+
+    def knows(self, key: str) -> bool:
+        """Whether there is a point of this name."""
+        return key in self._points
+
+    def keys(self) -> Iterable[str]:
+        """Return the names of the points."""
+        return self._points.keys()
+
+    def target(self, key: str) -> Target:
+        """Return a point that there is."""
+        return self._points[key].target
+
+    def joints(self, key: str) -> bool:
+        """Whether a point that there is has joint angles."""
+        return self._points[key].target.joints
+
+    def change(self, key: str, file: int, line: int) -> None:
+        """State that the program uses a point otherwise than as a target."""
+        point = self._points[key]
+        point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
+
+    def leave(self, left: Left) -> None:
+        """List a move that cannot be corrected."""
+        self._left.append(left)
+
+    def state(self, named: Named) -> None:
+        """Take the numbers that the program itself gives a tool or frame."""
+        self._sets.append(named)
+
+    def parsed(self, program: Program) -> Parsed:
+        """Return the targets with the moves that a program can make to them."""
+        usages = usages_of(program)
+        for usage in usages:
+            if point := self._points.get(usage.move.base or usage.move.key):
+                point.usages.append(usage)
+        targets: list[Target] = []
+        places: dict[str, int] = {}
+        skipped = list(self._left)
+        for key, point in self._points.items():
+            if point.target.file >= self.files:
+                continue
+            target = _used(point)
+            if isinstance(target, Left):
+                if target.reason != "unused" or key not in self.silent:
+                    skipped.append(target)
+                continue
+            places[key] = base = len(targets)
+            targets.append(target)
+            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
+                places[usage.move.key] = len(targets)
+                assert usage.offset is not None  # noqa: S101 - of moves with one
+                kind, numbers = usage.offset
+                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                targets.append(
+                    replace(
+                        target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base
+                    )
+                )
+            self._sets += [named for usage in point.usages for named in _registers(usage)]
+        steps = tuple(
+            Step(
+                places[usage.move.key],
+                frozenset(None if key is None else places.get(key) for key in usage.comes_from),
+                "joint" if usage.move.way == "joint" else "line",
+                usage.trusts == "on",
+            )
+            for usage in usages
+            if usage.move.key in places
+        )
+        ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
+        return Parsed(tuple(targets), steps, ordered, tuple(self._next_to_left(usages, places)), tuple(self._sets))
+
+    def _next_to_left(self, usages: Sequence[Usage], places: dict[str, int]) -> Iterator[int]:
+        """Yield the target at one end of each move whose other end is a point that is left."""
+        for usage in usages:
+            key = usage.move.key
+            for source in usage.comes_from:
+                if source is not None and (key in places) != (source in places):
+                    yield places[key if key in places else source]
+
+
+def _registers(usage: Usage) -> Iterator[Named]:
+    """Yield the tool and the frame of a move to which the program itself gives numbers in a register."""
+    kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
+    for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
+        if isinstance(of, Ref) and isinstance(value, tuple):
+            family, _, number = of.part.partition("[")
+            if family in kinds:
+                yield Named(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
+
+
+def _used(point: _Point) -> Target | Left:
+    """Return the target of a point in the tool and the frame of its moves, or why it is left."""
+    target = point.target
+
+    def left(reason: Reason, *because: Unknown) -> Left:
+        return Left(target.file, target.line, target.name, reason, tuple(because))
+
+    if point.reason and (point.usages or point.reason != "unused"):
+        return left(point.reason)
+    if point.changed:
+        return left("changed", point.changed)
+    if not point.usages:
+        return left("unused")
+    if why := _offset_unknown(target, point.usages):
+        return left("offset", why)
+    return _with_state(target, point.usages, left)
+
+
+def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
+    """Return the move whose offset is not known, or not the same on all ways, if there is one."""
+    offsets: dict[str, object] = {}
+    for usage in usages:
+        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
+            return _here(usage, "the offset differs between the ways that lead here")
+        if usage.offset and target.joints:
+            return _here(usage, "an offset from joint angles")
+        if usage.offset and not isinstance(value := usage.offset[1], tuple):
+            return value if isinstance(value, Unknown) else _here(usage, "the move with the offset")
+    return None
+
+
+def _with_state(target: Target, usages: Sequence[Usage], skip: _Leave) -> Target | Left:
+    for usage in usages:
+        if moved := _moved(usage):
+            return skip(*moved)
+    first = usages[0]
+    if not target.joints:
+        for usage in usages:
+            move = _here(usage, "the move")
+            if isinstance(usage.tool, Unknown):
+                return skip("unknown_tool", usage.tool, move)
+            if isinstance(usage.frame, Unknown):
+                return skip("unknown_frame", usage.frame, move)
+            if (usage.tool, usage.frame) != (first.tool, first.frame):
+                return skip("several_frames", _here(first, "one move"), move)
+    differing = next((usage for usage in usages if usage.move.near != first.move.near), None)
+    if differing:
+        return skip("two_postures", _here(first, "one move"), _here(differing, "another move"))
+    return replace(
+        target,
+        tool=_tool(first.tool, target.tool),
+        frame=_tool(first.frame, target.frame),
+        near=first.move.near,
+        flags=target.flags if any(usage.trusts in ("on", "checked") for usage in usages) else None,
+    )
+
+
+def _moved(usage: Usage) -> tuple[Reason, Unknown] | tuple[Reason, Unknown, Unknown] | None:
+    """Return why a move does not go to the point itself, if it may not."""
+    for part, value in usage.needs:
+        reason = _BY_PART[part.partition(" ")[0]]
+        if isinstance(value, Unknown):
+            return "not_understood" if value.everything else reason, value, _here(usage, "the move")
+        if value != OFF:
+            return reason, _here(usage, "the move")
+    return None
+
+
+class _Leave(Protocol):
+    def __call__(self, reason: Reason, *because: Unknown) -> Left: ...
+
+
+def _here(usage: Usage, what: str) -> Unknown:
+    return Unknown(usage.move.file, usage.move.line, what)
+
+
+def _tool(value: Value, of_point: Array | str) -> Array | str:
+    if value == "" or isinstance(value, Unknown):
+        return of_point
+    return value if isinstance(value, str) else as_frame(value)
+
+
+def as_frame(numbers: Iterable[float]) -> Array:
+    """Return the frame (4, 4) in mm of a value of the machine."""
+    return np.array(tuple(numbers), dtype=float).reshape(4, 4)
+
+
+def as_value(T: Array) -> tuple[float, ...]:
+    """Return a frame (4, 4) in mm as a value of the machine."""
+    return tuple(np.asarray(T, dtype=float).ravel().tolist())

@@ -1,0 +1,56 @@
+"""Base sags: what the arm stands on goes down on one side, where the arm leans that way."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.scene import S
+
+About = Literal["x", "y"]
+_WAYS: tuple[About, ...] = ("x", "y")
+
+
+class BaseSags(Effect):
+    """The base rises by `mm_per_Nm` of the moment about its x or y: its support stands beside the arm, as a column's
+    guide does."""
+
+    effect: Literal["base_sags"] = "base_sags"
+    way: About
+    mm_per_Nm: float = size(0.1, 1e-5)
+    """Healthy: derived, the tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm beside its support."""
+
+    STAGE = "tool"
+    DEED = "mount"
+    PART = "gravity"
+    PLACE = Place("(?P<way>x|y)?", "x", {"way": _WAYS})
+    MOST = 400.0
+
+    def apply(self, scene: S) -> S:
+        """The whole arm moved along the z of its base."""
+        return scene.raised(self.mm_per_Nm * scene.moment()[:, _WAYS.index(self.way)])
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[BaseSags]]:
+        """Each way."""
+        return [[cls(way=way)] for way in _WAYS]
+
+    def plain(self, joint: str) -> str:
+        return f"sag of the base under load, with the moment about its {self.way}"
+
+    def remedy(self) -> str:
+        return "the base sags as the arm leans: bolt it down firmly and stiffen what it stands on"
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+    @property
+    def seat(self) -> str:
+        """The way."""
+        return self.way
+
+    @property
+    def idle(self) -> str:
+        """It shows where the moment changes."""
+        return "the arm's moment about its base hardly changes, or the rig file states no masses"

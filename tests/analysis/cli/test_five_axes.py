@@ -1,0 +1,67 @@
+"""An arm of five axes by the commands that a person types: what works, and what such an arm cannot show, in a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigs.arms import load_arm
+from tests.support.command_line import ran
+
+HIDDEN = "effects: [{effect: joint_offset, axis: 2, offset_deg: 2}, {effect: backlash, axis: 3, width_deg: 1.2}]\n"
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    file = tmp_path / "so.yaml"
+    touch = "tests: {touch: {sockets: [A], ball_mm: [30, 0, -90], touches: 12}}\n"
+    file.write_text(f"name: so\n{load_arm('so-101').text}\n{touch}", encoding="utf-8")
+    return file
+
+
+def test_touches_are_simulated_and_analysed(rig: Path, tmp_path: Path) -> None:
+    (tmp_path / "hidden.yaml").write_text(HIDDEN, encoding="utf-8")
+    run = tmp_path / "run"
+    ran("simulate", str(rig), "--test", "touch", "--effects", str(tmp_path / "hidden.yaml"), "-o", str(run))
+    done = ran("analyse", str(run), "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)
+
+
+def test_circles_and_programs_say_what_such_an_arm_lacks(rig: Path, tmp_path: Path) -> None:
+    for command in (["simulate", str(rig), "--test", "yaw"], ["program", str(rig), "--for", "ur", "--test", "yaw"]):
+        done = ran(*command, "-o", str(tmp_path / "out"))
+        assert done.returncode != 0
+        assert "is an arm of 5 axes, and circles, hemispheres and their programs are of 6" in done.stderr
+
+
+def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig: Path, tmp_path: Path) -> None:
+    rig.write_text(rig.read_text(encoding="utf-8") + HIDDEN, encoding="utf-8")
+    q = np.random.default_rng(2).uniform(-40, 40, (4, 5))
+    table = tmp_path / "targets.csv"
+    rows = "\n".join(",".join(f"{angle:.3f}" for angle in row) for row in q)
+    table.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg\n" + rows + "\n", encoding="utf-8")
+    done = ran("correct", str(rig), "--path", str(table), "-o", str(tmp_path / "corrected"))
+    assert done.returncode == 0
+    assert "an arm of 5 axes turns its tool in 2 ways" in " ".join((done.stdout + done.stderr).split())
+    poses = tmp_path / "poses.csv"
+    poses.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n200,0,100,0,90,0\n", encoding="utf-8")
+    done = ran("correct", str(rig), "--path", str(poses), "-o", str(tmp_path / "more"))
+    assert done.returncode != 0
+    assert "an arm of 5 axes reaches in part" in " ".join(done.stderr.split())
+
+
+def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig: Path, tmp_path: Path) -> None:
+    """The software of an SO-101 counts its gripper as joint 6."""
+    table = tmp_path / "touches.csv"
+    header = "socket," + ",".join(f"q{axis}_deg" for axis in range(1, 7))
+    table.write_text(header + "\nA,0,10,20,30,40,50\nA,0,11,20,30,40,50\n", encoding="utf-8")
+    arguments = ["import", str(table), "--rig", str(rig), "--test", "touch", "-o", str(tmp_path / "run")]
+    done = ran(*arguments)
+    assert done.returncode != 0
+    assert "the table has 6 joints, and the arm of the rig file 5; rename the column of a gripper" in done.stderr
+    table.write_text(table.read_text(encoding="utf-8").replace("q6_deg", "gripper"), encoding="utf-8")
+    assert ran(*arguments).returncode == 0

@@ -1,0 +1,99 @@
+"""A circle of a worn arm, read by gauges that stream without a clock, with what real runs hold: a computer held up,
+wild readings, a cable pulled for a while, a controller whose clock shows nonsense or starts again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from analysis.simulation.simulate import simulate
+from analysis.traces.tables import CircleTable
+from daq.protocol.conversation import NO_TIME, Samples
+from daq.store import RunWriter
+from rigs.load import load, load_hidden
+from rigs.schema.vocabulary import Direction
+
+GAUGE_HZ, ROBOT_HZ = 1000, 125
+WHITE_MM = 0.001
+STREAMS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """wild_every: of so many readings of g1 one is off by 0.3 mm, and 40 in turn in the middle; pulled: from which
+    share of the run on to which g2 is silent; wrong, restarts: shares of the run at which a stamp of the robot's clock
+    is nonsense, and at which it starts again; held_up: shares at which the computer is held up for 0.15 s."""
+
+    wild_every: int = 0
+    pulled: tuple[float, float] = (2.0, 2.0)
+    wrong: tuple[float, ...] = ()
+    restarts: tuple[float, ...] = ()
+    held_up: tuple[float, ...] = ()
+
+
+def streamed_circle(
+    runs: Path, rows: int, trouble: Trouble = Trouble(), *, driven: Direction = "cw", label: Direction = "cw"
+) -> Path:
+    """The directory of a run with so many readings of each gauge, in chunks of 4000."""
+    rig, text = load("ur10e")
+    table = simulate(load_hidden("ur10e").within(rig), "yaw", driven, 3)
+    assert isinstance(table, CircleTable)
+    data = yaml.safe_load(text)
+    for number, offset_mm in enumerate((25, -25), start=1):
+        port = f"/dev/serial/by-id/usb-FTDI_gauge_{number}-if00-port0"
+        gauge = {"interface": "micro_epsilon_ild1420", "port": port, "range_mm": 10}
+        data["gauges"][f"g{number}"] = gauge | {"offset_mm": offset_mm, "accuracy_mm": 0.002}
+    writer = RunWriter.create(
+        runs,
+        name="circle",
+        test="yaw",
+        direction=label,
+        rig_name="ur10e",
+        rig_text=yaml.safe_dump(data),
+        operator="",
+        streams=STREAMS,
+        chunk_rows=4000,
+    )
+    for stream in STREAMS:
+        samples = _samples(stream, table, rows, trouble)
+        for begin in range(0, len(samples), 4000):
+            writer.append(stream, samples.chosen(slice(begin, begin + 4000)))
+            writer.write()
+    writer.close("complete", "written", {})
+    return writer.path
+
+
+def _samples(stream: str, table: CircleTable, rows: int, trouble: Trouble) -> Samples:
+    rng = np.random.default_rng(len(stream) + rows)
+    rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
+    number = np.arange(rows * rate // GAUGE_HZ)
+    taken_s, whole_s = number / rate + 0.3e-3 * (stream == "g2"), rows / GAUGE_HZ  # no reading of both at one time
+    at_s = table.t_s[0] + taken_s * np.ptp(table.t_s) / whole_s
+    clock_s = np.full(len(number), np.nan)
+    if stream == "robot":
+        came_s = taken_s + 200e-6 + rng.exponential(300e-6, len(number))
+        values = np.stack([np.degrees(np.interp(at_s, table.t_s, joint)) for joint in table.q.T], axis=1)
+        clock_s = 1000 + taken_s * (1 + 30e-6)
+        for share in trouble.restarts:
+            clock_s[taken_s >= share * whole_s] -= 900 + 10 * share
+        clock_s[[int(share * len(number)) for share in trouble.wrong]] += 0.4
+    else:
+        came_s = taken_s * (1 + 20e-6) + rng.exponential(50e-6, len(number))
+        exact_mm = np.interp(at_s, table.t_s, table.g_mm[:, int(stream[1]) - 1])
+        values = (exact_mm + rng.normal(0, WHITE_MM, len(number)))[:, None]
+        if trouble.wild_every and stream == "g1":
+            values[:: trouble.wild_every] += 0.3
+            values[rows // 2 : rows // 2 + 40] -= 0.5
+    for share in trouble.held_up:
+        begin_s = share * whole_s
+        came_s = np.where((came_s > begin_s) & (came_s < begin_s + 0.15), begin_s + 0.15, came_s)
+    came_ns = (1e9 + 1e9 * np.maximum.accumulate(came_s)).astype(np.int64)
+    there = np.ones(len(number), dtype=bool)
+    if stream == "g2":
+        there = (taken_s < trouble.pulled[0] * whole_s) | (taken_s >= trouble.pulled[1] * whole_s)
+    size = np.full(len(number), 63 if stream == "robot" else 3)
+    asked = np.full(len(number), NO_TIME, dtype=np.int64)
+    return Samples(values, asked, came_ns, came_ns, size, clock_s, np.zeros(len(number), dtype=np.int64)).chosen(there)
