@@ -104,8 +104,8 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
 def _with_the_common_part(
     groups: Sequence[_Repeated], f: Array, frequency_hz: float, amplitude_mm: float, sd_mm: float
 ) -> tuple[float, float, float]:
-    """Return frequency and amplitude of a vibration and the standard uncertainty of that, with what all repeats have in common at its
-    frequency, given those of their deviations and the frequencies f (F,) that were searched.
+    """Return frequency, amplitude and its standard uncertainty of a vibration, with what all repeats have in common at
+    its frequency, given those of their deviations and the frequencies f (F,) that were searched.
 
     A vibration that begins with the program has the same phase in every run, which no deviation shows. What repeats of
     the circle have there anyway, as waves of gears, is about as large at the frequencies beside it.

@@ -14,12 +14,13 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.verdict import Gaps, condition_of, shows_time
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
+from analysis.traces.tables import CircleTable
 from rigs.calibration import Judged, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, Compliance, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
 from rigs.schema.vocabulary import Direction
-from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, there
+from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, measured, seen, table_of, there
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.made_once import made_once
 

@@ -26,7 +26,7 @@ from rigs.effects import (
     TimeLag,
     TransmissionError,
 )
-from rigs.effects.thermal_growth import SPECTRUM_SHARE
+from rigs.schema.effect import SPECTRUM_SHARE
 from rigs.schema.scene import play
 from tests.support.diagnosis_cells import Array, circles, healthy, measured, seen, table_of
 

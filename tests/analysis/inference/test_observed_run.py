@@ -7,7 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.inference.observation import GRID, ORDER_OF, Sampling, bridging, curve, observe_run, rms, sampling_of
+from analysis.inference.observation import (
+    GRID,
+    ORDER_OF,
+    ORDER_OF_TREND,
+    Sampling,
+    bridging,
+    curve,
+    observe_run,
+    rms,
+    sampling_of,
+)
 from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
