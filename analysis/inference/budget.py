@@ -198,17 +198,22 @@ class _Budget:
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
         for place, named_effect in enumerate(named):
             if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
-                share = min(named_effect.worth_um**2 / self.whole_um2, max(scatter.share, 0.0))
+                # One that begins with the program repeats, and was unexplained; any other was scatter.
+                whole = named_effect.worth_um**2 / self.whole_um2
+                of_scatter = min(whole, max(scatter.share, 0.0))
+                repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
                 swing = BudgetPart(
                     "effect",
                     named_effect.worth_um,
                     named_effect.u_um,
-                    share,
+                    of_scatter + repeats,
                     name=label_of(named_effect.effect),
                     odds=named_effect.posterior,
                 )
                 parts.append(replace(swing, rank="unusual", index=place))
-                scatter = replace(scatter, share=scatter.share - share)
+                scatter = replace(scatter, share=scatter.share - of_scatter)
+                kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
+                unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
         return sorted([*parts, unexplained, scatter], key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:

@@ -9,7 +9,7 @@ noise.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,13 @@ _SEEN = 0.2
 Where every lap meets the vibration at the same phase, they show nothing of what all repeats have in common. Chosen:
 with a twentieth, a frequency beside the true one was preferred, where a combination that hardly shows took up the
 rest."""
+
+_COMMON_SIGMA = 3.0
+"""Standard uncertainties by which the amplitude of whole runs must exceed that of their deviations to count. Chosen: as
+for anything that is called certain."""
+_LOST = 0.05
+"""Largest share of an amplitude that stamps which scatter, and phases that differ, are taken to leave unsure of that of
+whole runs, in which no phase cancels another. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +95,38 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     scatter: dict[str, list[float]] = {}
     for group, fit in zip(groups, fits, strict=True):
         scatter.setdefault(group.setup, []).append(group.scatter_of(frequency_hz, fit.waves))
+    frequency_hz, amplitude, sd = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
     sds, amplitude = {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, min(amplitude, 1.0)
     scatter_um = {setup: 1e3 * float(np.sqrt(np.mean(squares))) for setup, squares in scatter.items()}
     return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um)
+
+
+def _with_the_common_part(
+    groups: Sequence[_Repeated], f: Array, frequency_hz: float, amplitude_mm: float, sd_mm: float
+) -> tuple[float, float, float]:
+    """Return frequency, amplitude and its standard uncertainty of a vibration, with what all repeats have in common at
+    its frequency, given those of their deviations and the frequencies f (F,) that were searched.
+
+    A vibration that begins with the program has the same phase in every run, which no deviation shows. What repeats of
+    the circle have there anyway, as waves of gears, is about as large at the frequencies beside it.
+    """
+    near = int(np.argmin(np.abs(f - frequency_hz)))
+    tried_hz = frequency_hz + (f[1] - f[0]) * _FINER
+    squares, noises = np.zeros(len(tried_hz)), []
+    wholes = [whole for group in groups for whole in group.wholes]
+    for whole in wholes:
+        waves = np.exp(-2j * np.pi * np.outer(tried_hz, whole.t_s)) @ whole.quick
+        squares += np.abs(2 * waves / len(whole.t_s)) ** 2 / len(wholes)
+        noises.append(4 / len(whole.t_s) * float(_noise_level(_power(whole, f), _width(f))[near]))
+    noise = float(np.mean(noises))
+    whole_mm = float(np.sqrt(max(squares.max() - noise, 0.0)))
+    lost = sd_mm / max(amplitude_mm, sd_mm)
+    # Repeats share what is no vibration, so that only groups count as independent.
+    whole_sd_mm = float(np.hypot(np.sqrt(noise / 2 / len(groups)), min(lost, _LOST) * whole_mm))
+    is_common = whole_mm - amplitude_mm > _COMMON_SIGMA * float(np.hypot(sd_mm, whole_sd_mm))
+    if not is_common:
+        return frequency_hz, amplitude_mm, sd_mm
+    return float(tried_hz[np.argmax(squares)]), whole_mm, whole_sd_mm
 
 
 @dataclass(frozen=True)
@@ -121,10 +157,12 @@ class _Deviation:
 
 @dataclass(frozen=True)
 class _Repeated:
-    """The deviations of runs that repeat each other, n of them, in one set-up."""
+    """The deviations of runs that repeat each other, n of them, in one set-up; `wholes` are not the deviations from
+    their mean, but all that the model leaves of each."""
 
     setup: str
     runs: tuple[_Deviation, ...]
+    wholes: tuple[_Deviation, ...]
 
     def scatter_of(self, frequency_hz: float, waves: Array) -> float:
         """Return the mean square in mm² that vibrations with cosines and sines (n, 2) mm add to one run, compared with
@@ -180,13 +218,14 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
             [run.sampling.gridded(residual) for run, residual in zip(group, residuals, strict=True) if run.sampling],
             axis=0,
         )
-        apart = []
+        apart, wholes = [], []
         for run, residual in zip(group, residuals, strict=True):
             assert run.sampling is not None  # noqa: S101 - circles only
             rows = run.one.rows[: len(run.sampling.phi)]
             deviation = residual[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
             apart.append(_Deviation(run.one.path.t_s[rows], deviation, run.sampling))
-        repeated.append(_Repeated(group[0].one.setup, tuple(apart)))
+            wholes.append(replace(apart[-1], left_mm=residual[: len(rows)]))
+        repeated.append(_Repeated(group[0].one.setup, tuple(apart), tuple(wholes)))
     return repeated
 
 

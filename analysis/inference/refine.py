@@ -74,9 +74,13 @@ class Refined:
     free: Response
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of one effect."""
+        """Return the standard uncertainty of each fitted parameter of one effect, with that of its form."""
         sds = np.sqrt(np.diag(self.covariance))
-        return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
+        stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
+        whole, name = self.effects[effect], size_field(self.effects[effect])
+        if name in stated:
+            stated[name] = float(np.hypot(stated[name], whole.FORM_U * getattr(whole, name)))
+        return stated
 
     @cached_property
     def known(self) -> FittedTerms:

@@ -30,6 +30,9 @@ class GaugeDeadBand(Effect):
     DEED = "mount"
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
+    FORM_U = 0.2
+    """A lag of the readings shows how far a plunger lags, and hardly whether it drags along or jumps free. Chosen: a
+    band of 40 µm of another generator came out as 30.0 ± 0.3 without it."""
 
     def apply(self, scene: S) -> S:
         """The play operator on the reading."""

@@ -9,8 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effects.thermal_growth import SPECTRUM, SPECTRUM_SHARE, WARMING_S
-from rigs.schema.effect import Compensation, Departures, Effect, Scope, StretchedShape, shape, size
+from rigs.schema.effect import (
+    WARMING_S,
+    Compensation,
+    Departures,
+    Effect,
+    Scope,
+    StretchedShape,
+    shape,
+    size,
+    warming_parts,
+)
 from rigs.schema.scene import S
 
 
@@ -50,5 +59,4 @@ class LinkGrowth(Effect):
 
     def departures(self) -> Departures:
         """Not all of it warms up alike."""
-        others = [self.model_copy(update={"time_constant_s": ratio * self.time_constant_s}) for ratio in SPECTRUM]
-        return Departures(alike=tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, self)) for part in others))
+        return Departures(alike=warming_parts(self))

@@ -6,18 +6,20 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import Compensation, Departures, Effect, Scope, StretchedShape, shape, size
+from rigs.schema.effect import (
+    WARMING_S,
+    Compensation,
+    Departures,
+    Effect,
+    Scope,
+    StretchedShape,
+    shape,
+    size,
+    warming_parts,
+)
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
-WARMING_S = (60.0, 300.0, 1200.0)
-"""Time constants that are tried, s. Chosen: factors of about five apart, since a fit then adjusts them."""
-SPECTRUM = (0.2, 0.5, 2.0)
-"""Time constants, in those of the effect, with which parts of a real arm may grow: motors and gears warm up faster than
-castings. Chosen."""
-SPECTRUM_SHARE = 0.25
-"""Standard deviation of the share of each part. Chosen: of an arm a quarter of which warms up five times as fast, 5 %
-made a growth of 149 ppm one of 120 ± 8."""
 _PARTS = (2, 3, 4, 6)
 """Joints beyond which an arm may grow by itself: its upper arm, its forearm, its wrist and its tool."""
 _PART_SHARE = 0.3
@@ -60,12 +62,10 @@ class ThermalGrowth(Effect):
 
     def departures(self) -> Departures:
         """Not all of the arm warms up alike: a part of it may grow faster or slower, and more or less."""
-        taus_s = [ratio * self.time_constant_s for ratio in SPECTRUM]
-        others = [self.model_copy(update={"time_constant_s": tau_s}) for tau_s in taus_s]
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),
-            alike=tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, self)) for part in others),
+            alike=warming_parts(self),
         )
 
 

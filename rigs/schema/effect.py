@@ -194,6 +194,8 @@ class Effect(Part, ABC):
     that looks like it."""
     PART: ClassVar[PartKind | None] = None
     """The part of an arm's error that it belongs to, where its stage does not say that."""
+    FORM_U: ClassVar[float] = 0.0
+    """Standard uncertainty of the size, as a share of it, that comes from a form which readings hardly show."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"
@@ -392,3 +394,20 @@ def healthy_size(effect: Effect) -> float:
 def size_of(effect: Effect) -> float:
     """The size of an effect in healthy sizes."""
     return float(getattr(effect, size_field(effect))) / healthy_size(effect)
+
+
+WARMING_S = (60.0, 300.0, 1200.0)
+"""Time constants that are tried, s. Chosen: factors of about five apart, since a fit then adjusts them."""
+SPECTRUM = (0.2, 0.5, 2.0)
+"""Time constants, in those of the effect, with which parts of a real arm may grow: motors and gears warm up faster than
+castings. Chosen."""
+SPECTRUM_SHARE = 0.25
+"""Standard deviation of the share of each part. Chosen: of an arm a quarter of which warms up five times as fast, 5 %
+made a growth of 149 ppm one of 120 ± 8."""
+
+
+def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
+    """How a growth with a time constant may come faster or slower in part: combinations of effects with shares."""
+    tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
+    others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
+    return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

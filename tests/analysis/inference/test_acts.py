@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 
 from analysis.inference.act_list import LEAST_SHARE
+from analysis.inference.blocks import blocks_of
 from analysis.inference.result import Diagnosis, Named, is_sure
-from analysis.inference.verdict import Gaps, condition_of
+from analysis.inference.setups import fit_run_setups
+from analysis.inference.verdict import Gaps, condition_of, shows_time
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
+from analysis.traces.tables import CircleTable
 from rigs.calibration import Judged, ground_of, verdict_of
-from rigs.effects import Backlash, Compliance, JointOffset, LinkGeometry
+from rigs.effects import VOCABULARY, Backlash, Compliance, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
-from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, there
+from rigs.schema.vocabulary import Direction
+from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, measured, seen, table_of, there
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.made_once import made_once
 
@@ -167,3 +171,20 @@ def test_softness_is_usual_by_the_build_of_the_arm() -> None:
 
 def test_an_order_known_to_a_tenth_of_a_wave_is_the_number_of_teeth() -> None:
     assert (whole_order(8.001), whole_order(7.96), whole_order(2.656), whole_order(0.04)) == (8, 8, 2.656, 0.04)
+
+
+def test_one_lap_each_way_names_nothing_slow_and_two_laps_may() -> None:
+    runs = seen([measured(_first_lap("cw"), "yaw", "yaw-cw")])
+    once = blocks_of(runs, fit_run_setups(runs)[0])
+    whole = seen(circles(count=1, ways=("cw",)))
+    assert not shows_time(once) and shows_time(blocks_of(whole, fit_run_setups(whole)[0]))
+    assert {name for name, kind in VOCABULARY.items() if kind.NEEDS_REPEATS} == {
+        "gauge_dead_band", "gauge_drift", "link_growth", "thermal_growth",
+    }  # fmt: skip
+
+
+def _first_lap(way: Direction) -> CircleTable:
+    table = table_of("yaw", way, 1)
+    assert isinstance(table, CircleTable)
+    half = slice(0, len(table.t_s) // 2)
+    return replace(table, t_s=table.t_s[half], q=table.q[half], g_mm=table.g_mm[half])

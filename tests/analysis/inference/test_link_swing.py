@@ -62,6 +62,17 @@ def test_where_laps_have_the_same_phase_the_average_over_runs_is_right() -> None
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
+def test_a_swing_that_begins_with_the_program_is_found_whole() -> None:
+    """Its phase differs by a twentieth of a turn from run to run, so that deviations from their mean show little."""
+    for seed in (5, 6):
+        phases = 1.0 + np.random.default_rng(seed).normal(0.0, 0.3, 4)
+        runs = [response(run, 7.5, 0.02, phase) for run, phase in zip(circles(), phases, strict=True)]
+        found = _swing(runs)
+        assert found and found.effect.frequency_hz == pytest.approx(7.5, abs=0.05)
+        assert abs(found.amplitude_mm - 0.02) < 2 * found.sd["amplitude_mm"], found
+        assert found.sd["amplitude_mm"] < 0.004
+
+
 def _one_lap(run: Measured) -> Measured:
     """The first half of a run of two laps."""
     table = run.table

@@ -7,7 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.inference.observation import GRID, ORDER_OF, Sampling, bridging, curve, observe_run, rms, sampling_of
+from analysis.inference.observation import (
+    GRID,
+    ORDER_OF,
+    ORDER_OF_TREND,
+    Sampling,
+    bridging,
+    curve,
+    observe_run,
+    rms,
+    sampling_of,
+)
 from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
@@ -163,3 +173,18 @@ def test_half_a_circle_is_refused() -> None:
     half = slice(0, len(table.t_s) // 5)
     with pytest.raises(FileError, match="no data"):
         observe_run(model_of(RIG), replace(table, t_s=table.t_s[half], q=table.q[half], g_mm=table.g_mm[half]), "run")
+
+
+def test_a_gauge_that_drifts_shows_from_lap_to_lap_and_a_form_of_the_circle_does_not() -> None:
+    one = observe_run(model_of(RIG), _circle("cw"), "run")
+    assert one.sampling and len(one.sampling.trend) == 2
+    phi, rows = one.sampling.phi, len(one.one.rows)
+    trend = slice(-len(ORDER_OF_TREND), None)
+    lap = np.zeros((rows, 2))
+    lap[: len(phi), 0] = 1 + np.cos(phi) + np.sin(3 * phi)
+    assert np.abs(one.sampling.vector(lap)[trend]).max() < 1e-3
+    drifts = np.zeros((rows, 2))
+    drifts[: len(phi), 0] = np.arange(len(phi)) / len(phi)  # half a mm from the middle of a lap to that of the next
+    shown = one.sampling.vector(drifts)[trend]
+    assert abs(shown[0]) == pytest.approx(0.5 / np.sqrt(2) * np.sqrt(GRID / 2), rel=0.01)
+    assert np.abs(np.delete(shown, [0, len(shown) // 2])).max() < 0.02 * abs(shown[0])

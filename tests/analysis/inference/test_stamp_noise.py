@@ -32,7 +32,7 @@ STILL = RunScatter(0.0, 0.0, 0.0, 0.0)
 
 
 def _sampling(t_s: Array = T_S) -> Sampling:
-    return sampling_of(2 * np.pi * t_s / LAP_S, (), np.empty(0))
+    return sampling_of(2 * np.pi * t_s / LAP_S, (), np.empty(0)).without_trend()
 
 
 def _crossing(t_s: Array, crossed_s: float = 0.03) -> Array:

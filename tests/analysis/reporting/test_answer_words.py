@@ -119,6 +119,7 @@ def test_every_act_and_everything_against_it_has_words(language: Language) -> No
     acts += [Act("approach", "history", (0,), effect=PLAY.effect)]
     acts += [Act("none", why, (0,)) for why in ("scatter", "unexplained", "too_small", "history", "gauges", "sound")]
     acts += [Act("measure", why, (0,), runs=3) for why in ("few_runs", "not_visible", "elsewhere", "rivals", "group")]
+    acts += [Act("measure", "one_lap", (0,), effect=PLAY.effect, runs=2)]
     against = [Against(why, ("d",), "unsure", 3) for why in get_args(Objection)]
     said = [*map(words.sentence, acts), *(words.against(Act("none", "sound", against=(one,))) for one in against)]
     assert all(one and not {"{", "}"} & set(one) for one in said)
