@@ -68,15 +68,15 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """How many rows (L, NODES) these are."""
+        """The number of rows (L, NODES)."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
-        """The same sums without the rows behind some nodes (L, NODES)."""
+        """The same sums without the rows behind the nodes of a mask (L, NODES)."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
     def lines(self, rounds: int = 2 * NODES) -> Array:
-        """The closed broken lines (L, NODES, k) through NODES that fit the readings best, lap by lap, as smooth
+        """The closed broken lines (L, NODES, k), in the unit of the readings, that fit these best lap by lap, as smooth
         curves; some thirty rounds find them where every node has rows."""
         pull = self.near + np.roll(self.far, 1, axis=2)
         lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
