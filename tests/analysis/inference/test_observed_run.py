@@ -178,7 +178,7 @@ def test_half_a_circle_is_refused() -> None:
 def test_a_gauge_that_drifts_shows_from_lap_to_lap_and_a_form_of_the_circle_does_not() -> None:
     run = observe_run(model_of(RIG), _circle("cw"), "run")
     assert run.sampling and len(run.sampling.trend) == 2
-    phi, rows = run.sampling.phi, len(one.run.rows)
+    phi, rows = run.sampling.phi, len(run.one.rows)
     trend = slice(-len(ORDER_OF_TREND), None)
     lap = np.zeros((rows, 2))
     lap[: len(phi), 0] = 1 + np.cos(phi) + np.sin(3 * phi)
