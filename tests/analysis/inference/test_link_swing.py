@@ -67,10 +67,10 @@ def test_a_swing_that_begins_with_the_program_is_found_whole() -> None:
     for seed in (5, 6):
         phases = 1.0 + np.random.default_rng(seed).normal(0.0, 0.3, 4)
         runs = [response(run, 7.5, 0.02, phase) for run, phase in zip(circles(), phases, strict=True)]
-        found = _swing(runs)
-        assert found and found.effect.frequency_hz == pytest.approx(7.5, abs=0.05)
-        assert abs(found.amplitude_mm - 0.02) < 2 * found.sd["amplitude_mm"], found
-        assert found.sd["amplitude_mm"] < 0.004
+        swing = _swing(runs)
+        assert swing and swing.effect.frequency_hz == pytest.approx(7.5, abs=0.05)
+        assert abs(swing.amplitude_mm - 0.02) < 2 * swing.sd["amplitude_mm"], swing
+        assert swing.sd["amplitude_mm"] < 0.004
 
 
 def _one_lap(run: Measured) -> Measured:

@@ -176,15 +176,15 @@ def test_half_a_circle_is_refused() -> None:
 
 
 def test_a_gauge_that_drifts_shows_from_lap_to_lap_and_a_form_of_the_circle_does_not() -> None:
-    one = observe_run(model_of(RIG), _circle("cw"), "run")
-    assert one.sampling and len(one.sampling.trend) == 2
-    phi, rows = one.sampling.phi, len(one.one.rows)
+    run = observe_run(model_of(RIG), _circle("cw"), "run")
+    assert run.sampling and len(run.sampling.trend) == 2
+    phi, rows = run.sampling.phi, len(run.one.rows)
     trend = slice(-len(ORDER_OF_TREND), None)
     lap = np.zeros((rows, 2))
     lap[: len(phi), 0] = 1 + np.cos(phi) + np.sin(3 * phi)
-    assert np.abs(one.sampling.vector(lap)[trend]).max() < 1e-3
+    assert np.abs(run.sampling.vector(lap)[trend]).max() < 1e-3
     drifts = np.zeros((rows, 2))
     drifts[: len(phi), 0] = np.arange(len(phi)) / len(phi)  # half a mm from the middle of a lap to that of the next
-    shown = one.sampling.vector(drifts)[trend]
+    shown = run.sampling.vector(drifts)[trend]
     assert abs(shown[0]) == pytest.approx(0.5 / np.sqrt(2) * np.sqrt(GRID / 2), rel=0.01)
     assert np.abs(np.delete(shown, [0, len(shown) // 2])).max() < 0.02 * abs(shown[0])
