@@ -32,15 +32,15 @@ class FigureColumn:
 
 def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
     """Return the columns of the runs of one test at one place."""
-    together = {one.title: one for one in pooled(group) if one.figures}
+    together = {mean.title: mean for mean in pooled(group) if mean.figures}
     columns = []
     for title in dict.fromkeys(result.title for result in group):
         direction = title.partition(" ")[2]
         if title in together:
             columns.append(_column("mean", direction, len(together[title].runs), together[title].figures))
         else:
-            alone = [one for one in group if one.title == title]
-            columns += [FigureColumn("run", direction, 1, one.name, one.figures, {}) for one in alone]
+            alone = [result for result in group if result.title == title]
+            columns += [FigureColumn("run", direction, 1, run.name, run.figures, {}) for run in alone]
     both = pairs_of(group)
     return [*columns, _column("pairs", "", len(both.runs), both.figures)] if both and both.figures else columns
 

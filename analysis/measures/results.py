@@ -173,9 +173,9 @@ def borrowers(results: Sequence[Result]) -> list[Borrower]:
     places = {id(result): place for place, result in enumerate(results)}
     found = []
     for group in by_test(results):
-        noise = next((one.lap_noise for one in group if one.lap_noise), None)
-        alone = (one for one in group if isinstance(one.found, CircleResult) and one.found.laps.count == 1)
-        found += [Borrower(places[id(one)], one.measured, noise) for one in alone if noise]
+        noise = next((result.lap_noise for result in group if result.lap_noise), None)
+        alone = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
+        found += [Borrower(places[id(run)], run.measured, noise) for run in alone if noise]
     return sorted(found, key=lambda one: one.place)
 
 

@@ -23,15 +23,15 @@ def as_table(found: Sequence[Version]) -> RenderableType:
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
     for heading in ("before µm", "calibrated µm", "left out µm", "to correct by"):
         table.add_column(heading, justify="right")
-    for one in found:
-        model = one.calibrated
+    for version in found:
+        model = version.calibrated
         left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
         figures = (f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)
         verdict = "yes" if verdict_of(model) == "correct" else "no"
         table.add_row(
-            "in use" if one.in_use else "",
+            "in use" if version.in_use else "",
             f"{model.date}",
-            plain(str(one.path)),
+            plain(str(version.path)),
             f"{len(model.runs)}",
             *figures,
             verdict,
@@ -39,13 +39,13 @@ def as_table(found: Sequence[Version]) -> RenderableType:
     return table
 
 
-def as_object(one: Version) -> dict[str, Any]:
+def as_object(version: Version) -> dict[str, Any]:
     """A version in plain types."""
-    model = one.calibrated
+    model = version.calibrated
     return {
-        "path": str(one.path),
-        "sha256": one.sha256,
-        "in_use": one.in_use,
+        "path": str(version.path),
+        "sha256": version.sha256,
+        "in_use": version.in_use,
         "date": str(model.date),
         "version": model.version,
         "runs": [run.name for run in model.runs],
