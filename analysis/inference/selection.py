@@ -434,7 +434,7 @@ class Selection:
 
     def _against_stated(self, effect: Effect) -> float:
         """Return the log evidence that readings must give for shapes of an effect that are not as the rig file states:
-        without masses of links no reading tells a soft joint from a heavy load."""
+        without masses of links a soft joint and a heavy load look the same."""
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
         return _HEALTHY_PRICE * sum(off)
