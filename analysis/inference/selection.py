@@ -437,7 +437,7 @@ class Selection:
         without masses of links a soft joint and a heavy load look the same."""
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
-        return _HEALTHY_PRICE * sum(off)
+        return _HEALTHY_PRICE * float(sum(off))
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
