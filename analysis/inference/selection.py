@@ -70,6 +70,8 @@ _ROUNDS = 40
 """Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
+_OFF_STATED = 3.0
+"""Standard deviations of what is stated from which something else is meant."""
 _SEEN = 4.0
 """Sigmas that the largest fault must have for its name to be testable. Chosen: below the 7 sigma at which an effect is
 detected, so that names in between are not reported as hidden."""
@@ -427,7 +429,15 @@ class Selection:
         if self._is_of_curve(effect):
             healthy_one = -np.inf
         wide = -0.5 * (size / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
-        return float(np.logaddexp(fault, healthy_one) - wide - np.log(self.columns.among[name_of(effect)] or 1))
+        among = np.log(self.columns.among[name_of(effect)] or 1)
+        return float(np.logaddexp(fault, healthy_one) - wide - among) - self._against_stated(effect)
+
+    def _against_stated(self, effect: Effect) -> float:
+        """Return the log evidence that readings must give for shapes of an effect that are not as the rig file states:
+        without masses of links a soft joint and a heavy load look the same."""
+        free = effect.free(self.linear.payload_kg)
+        off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
+        return _HEALTHY_PRICE * float(sum(off))
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
@@ -455,6 +465,8 @@ class Selection:
         curves = np.array([self._is_of_curve(form.effects[0]) for form in self.columns.forms], dtype=bool)
         pieces = np.array([self._waves_driven(form.effects[0]) < DRIVEN_WAVES for form in self.columns.forms])
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
+        against = np.array([self._against_stated(form.effects[0]) for form in self.columns.forms])
+        fault, single = fault - against, single - against
         fault[self._are_set_up] = single[self._are_set_up] = -np.inf
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
 

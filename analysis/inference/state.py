@@ -115,14 +115,18 @@ def series_among(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
-SHOULDER_YIELDS = "compliance 2"
-"""The joint that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+_SHOULDER = 2
+"""The axis that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+
+
+def _is_soft_shoulder(effect: Effect) -> bool:
+    return effect.part == "gravity" and effect.STAGE == "joint" and getattr(effect, "axis", 0) == _SHOULDER
 
 
 def stands_softly(effects: Sequence[Effect]) -> bool:
     """Return whether effects have a base that yields, and no softness of the shoulder beside it."""
-    names = [name_of(effect) for effect in effects]
-    return any(name.startswith("base_") for name in names) and SHOULDER_YIELDS not in names
+    yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
+    return yields and not any(map(_is_soft_shoulder, effects))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -172,7 +176,7 @@ class Backgrounds:
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
-            if form.name == SHOULDER_YIELDS:
+            if _is_soft_shoulder(form.effects[0]):
                 usual[list(form.columns)] = form.effects[0].usual_times(self.build)
         return usual
 

@@ -143,6 +143,9 @@ class Seen(Protocol):
     def scatter_mm(self) -> float:
         """Of one coordinate."""
 
+    def reported(self, q: Array) -> Array:
+        """The angles (n, axes) rad that the controller writes down."""
+
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
         """Places (n, 3) mm of a ball at ball_mm on the tool."""
 

@@ -104,6 +104,10 @@ class OnStand:
         """That of the arm."""
         return self.arm.scatter_mm
 
+    def reported(self, q: Array) -> Array:
+        """Those of the arm (n, axes) rad."""
+        return self.arm.reported(q)
+
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
         """Places (n, 3) mm of a ball at ball_mm on the tool."""
         theta = self.arm.link_q(q, came_from) @ np.array(self.robot.coupling).T
