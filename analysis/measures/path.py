@@ -137,7 +137,7 @@ def _corners(rectangle: Driven) -> dict[str, Quantity]:
     """CR and CO, of at most the first three cycles as the standard has it; u by all cycles. Between two places a corner
     is cut by their chord, which passes a right corner within half its length: that much is 2 u at the least."""
     assert isinstance(rectangle.command, Polygon)  # noqa: S101 - what the rectangle is
-    each = np.array([[corner_of(one, rectangle.command, k) for k in (1, 2, 3)] for one in rectangle.places])
+    each = np.array([[corner_of(place, rectangle.command, k) for k in (1, 2, 3)] for place in rectangle.places])
     hidden = float(each[:, :, 2].max()) / 4
     rng, few = np.random.default_rng(_SEED), min(_CORNER_CYCLES, len(each))
     figures = {}
@@ -172,7 +172,7 @@ def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float,
         return cut, 0.0, apart
     span = np.minimum((along[passed] / reach * _SPANS).astype(np.int64), _SPANS - 1)
     count = np.maximum(np.bincount(span, minlength=_SPANS), 1)
-    y, x = (np.bincount(span, one[passed], minlength=_SPANS) / count for one in (beyond, aside))
+    y, x = (np.bincount(span, away[passed], minlength=_SPANS) / count for away in (beyond, aside))
     return cut, float(np.where(y > 0, np.hypot(x, y), 0.0).max()), apart
 
 

@@ -49,6 +49,7 @@ EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = [
     ("gauge_inclination", {"gauge": "g1"}, {}, 5.0),
     ("gauge_dead_band", {"gauge": "g1"}, {}, 0.01),
     ("gauge_drift", {"gauge": "g1"}, {}, 0.01),
+    ("link_growth", {}, {"time_constant_s": 60.0}, 0.01),
     ("gauge_cyclic", {"gauge": "g1"}, {"period_mm": 0.5, "phase_deg": 30.0}, 2e-4),
     ("time_lag", {}, {}, 5e-3),
     ("clock_rate", {}, {}, 200.0),

@@ -211,6 +211,10 @@ def cases() -> dict[str, Case]:
         "logs": lambda cell, own: [[], [EVIL], ["ur10e", "--since", EVIL]],
         "metrics": lambda cell, own: [[], ["--rig", EVIL]],
         "paper": lambda cell, own: [["--rig", cell / "no rig"]],
+        "parts": lambda cell, own: [
+            [cell / "no rig", "-o", own / "parts"],
+            [cell / "rig.yaml", "-o", own / EVIL.replace("/", "|")],
+        ],
         "plan": lambda cell, own: [[cell / "no rig"], [cell / "rig.yaml", "--tests", EVIL]],
         "program": lambda cell, own: [
             [cell / "rig.yaml", "--for", "fanuc", "--test", "yaw", "-o", own / (EVIL.replace("/", "|") + BYTES)],

@@ -44,6 +44,7 @@ SIZE = {
     "gauge_dead_band": "width_mm",
     "gauge_drift": "mm_per_min",
     "gauge_cyclic": "amplitude_mm",
+    "link_growth": "growth_mm",
     "time_lag": "lag_s",
     "clock_rate": "ppm",
     "vibration": "amplitude_mm",

@@ -61,6 +61,8 @@ def own_errors(g: Array, t: Array, faults: list[Fault], phases: dict[str, float]
             phase = np.radians(fault.shape["phase_deg"]) + phases.get("vibration", 0.0)
             beat = 1 + 0.3 * fault.rough * np.sin(2 * np.pi * t / 3.0)
             g += (fault.size * beat * np.sin(2 * np.pi * fault.shape["frequency_hz"] * t + phase))[:, None]
+        elif fault.effect == "link_growth":  # a longer bar comes closer to the ball
+            g -= (fault.size * (1 - np.exp(-np.clip(t, 0, None) / fault.shape["time_constant_s"])))[:, None]
         elif fault.effect == "thermal_step":
             g += thermal_step(fault, t)[:, None]
         elif "gauge" in fault.keys and fault.keys["gauge"] in ("g1", "g2")[: g.shape[1]]:

@@ -95,7 +95,7 @@ def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_written_of_a_bad_urdf(urdf: Path, tmp_path: Path) -> None:
-    done = rig("import-urdf", urdf, "--tip", "link_5", "-o", tmp_path / "arm.yaml")
+    done = rig("import-urdf", urdf, "--tip", "link_3", "-o", tmp_path / "arm.yaml")
     assert isinstance(done.exception, FileError)
     assert not (tmp_path / "arm.yaml").exists()
 

@@ -137,7 +137,7 @@ _WRITERS = {"write_text", "write_bytes", "savefig", "mkdir", "touch"}
 _KNOWN = {
     "batch/fetched.py": "copies in a temporary directory",
     "cli/emulate.py": "the directory of a cell, whose files durable.replace writes",
-    "emulation/cell_files.py": "the same",
+    "simulation/emulated_robot.py": "the same",
     "cli/export.py": "the directory of many exports, whose files write_new writes",
     "cli/simulate.py": "the directory of many tables, whose files write_new writes",
     "files/write.py": "the one place where files are made",

@@ -119,8 +119,9 @@ def test_what_is_at_a_limit_does_not_lead_the_rest_astray(axis: int) -> None:
     alone, left = linear.without_set_up(bare), linear.without_set_up(linear.y)
     best = 1e-5 * float(alone @ left) / float(alone @ alone)
     effect, u = found.effects[0], found.sd(0)["deg_per_Nm"]
+    # A fit stops within a third of its uncertainty, at a chi-square of 0.1; without the limit it would be 6 or 10 off.
     assert getattr(effect, "payload_kg", -1.0) == 0.0 and getattr(effect, "deg_per_Nm", 0.0) == pytest.approx(
-        best, abs=0.2 * u
+        best, abs=0.5 * u
     )
 
 

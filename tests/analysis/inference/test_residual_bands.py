@@ -15,9 +15,11 @@ HALF = len(ORDER_OF) // 2
 def _bump(block: int, part: int, low: int, high: int, size: float) -> Array:
     """A deterministic bump of `size` standard deviations in every order of a band of one block; part 0 distance, 1
     angle."""
-    bump = np.zeros(len(healthy().y))
+    linear = healthy()
+    bump = np.zeros(len(linear.y))
     entries = np.flatnonzero((low <= ORDER_OF) & (high >= ORDER_OF) & (np.arange(len(ORDER_OF)) // HALF == part))
-    bump[block * len(ORDER_OF) + entries] = size * (-1.0) ** entries
+    # Behind the orders of a block stand its means over standing and its trend.
+    bump[linear.rows[block].start + entries] = size * (-1.0) ** entries
     return bump
 
 

@@ -17,6 +17,7 @@ from analysis.inference import state as selection_state
 from analysis.inference.candidates import Candidate, candidates_for
 from analysis.inference.diagnose import diagnose, doubts_of_limits
 from analysis.inference.prepared_runs import prepare_runs
+from analysis.inference.refine import size_limits
 from analysis.inference.responses import Linearisation
 from analysis.inference.result import Diagnosis, Named
 from analysis.inference.search import SearchResult
@@ -266,11 +267,12 @@ def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
 
 
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
-    one = Named(JointOffset(axis=3, offset_deg=2.4), {}, 1.0, (), 1.0, "", 500.0, None)
+    most = size_limits(JointOffset(axis=3))[1]
+    one = Named(JointOffset(axis=3, offset_deg=most), {}, 1.0, (), 1.0, "", 500.0, None)
     assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of its size")
-    inside = replace(one, effect=JointOffset(axis=3, offset_deg=2.3))
+    inside = replace(one, effect=JointOffset(axis=3, offset_deg=0.95 * most))
     assert doubts_of_limits([inside, replace(one, doubt="usual")]) == ()
-    nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-2.4 * (1 + 1e-15)))
+    nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-most * (1 - 1e-15)))
     assert doubts_of_limits([nearly])
     # A play cannot be narrower than none.
     assert doubts_of_limits([replace(one, effect=Backlash(axis=1, width_deg=0.0))]) == ()
