@@ -80,7 +80,7 @@ def _acts_of(
         return (Act("measure", "not_visible", command=("plan", _model(diagnosis))),)
     repairs, following = _repairs(diagnosis, judged)
     acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
-    acts = _one_after_the_other(acts, judged)
+    acts = one_after_the_other(acts, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
@@ -103,16 +103,18 @@ def _in_order(acts: Sequence[Act]) -> list[Act]:
     return ordered
 
 
-def _one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
-    """Return acts, those of hands with what is left once those before them are done as well."""
+def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
+    """Return acts, those of hands with what is left once those of hands before them are done as well."""
     done: list[Effect] = []
-    ordered = []
+    square_um2, ordered = 0.0, []
     for act in acts:
-        by_hand = act.effect is not None and act.kind != "approach"
-        if by_hand and act.effect is not None:
-            done.append(act.effect)
-        is_later = by_hand and len(done) > 1
-        ordered.append(replace(act, with_before_um=judged.removed(done).remains_um) if is_later else act)
+        by_hand = act.effect if act.kind != "approach" else None
+        if by_hand is not None:
+            done.append(by_hand)
+            square_um2 += act.removes_u_um**2
+        is_later = by_hand is not None and len(done) > 1
+        left = judged.removed(done).remains_um if is_later else None
+        ordered.append(replace(act, with_before_um=left, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
     return ordered
 
 

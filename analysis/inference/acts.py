@@ -82,7 +82,8 @@ class Act:
     """One act. `parts` are indices into the budget. `removes_um` is what it removes alone at the `place`, and
     `remains_um` what is then left there, rms of the readings in µm, each with its standard uncertainty.
 
-    `with_before_um` is what is left there in µm once what hands do before it is done too, None without such.
+    `with_before_um` is what is left there in µm, with its standard uncertainty, once what hands do before it in the
+    list is done too; None where there is nothing before.
 
     `effect` is what is to be repaired or entered, with the standard uncertainty `u` of its size; `command` the words
     after `rig` where a command does it, files in capitals; `test` what is to be driven. `runs` is how often each test
@@ -99,6 +100,7 @@ class Act:
     remains_u_um: float = 0.0
     cost: Cost = Cost()
     with_before_um: float | None = None
+    with_before_u_um: float = 0.0
     effect: Effect | None = None
     u: float | None = None
     command: tuple[str, ...] = ()

@@ -76,7 +76,8 @@ class ActWords:
         )  # fmt: skip
         if act.with_before_um is None:
             return alone
-        return f"{alone} {self.texts('act_with_before', after=micrometres(act.with_before_um))}"
+        both = self.texts("act_with_before", after=within(act.with_before_um, act.with_before_u_um))
+        return f"{alone} {both}"
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-
 from rigs.schema.effect import (
     WARMING_S,
     Compensation,
@@ -18,6 +16,7 @@ from rigs.schema.effect import (
     StretchedShape,
     shape,
     size,
+    warmed,
     warming_parts,
 )
 from rigs.schema.scene import S
@@ -39,7 +38,7 @@ class LinkGrowth(Effect):
 
     def apply(self, scene: S) -> S:
         """growth_mm (1 - exp(-t / time constant)) less between tool and ball, so that every gauge shows less."""
-        growth = self.growth_mm * -np.expm1(-np.maximum(scene.t_s, 0) / self.time_constant_s)
+        growth = self.growth_mm * warmed(scene.t_s, self.time_constant_s)
         return scene.all_read(lambda g: g - growth[:, None])
 
     @classmethod

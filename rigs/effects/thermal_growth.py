@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-
 from rigs.schema.effect import (
     WARMING_S,
     Compensation,
@@ -15,6 +13,7 @@ from rigs.schema.effect import (
     StretchedShape,
     shape,
     size,
+    warmed,
     warming_parts,
 )
 from rigs.schema.part import Axis
@@ -42,7 +41,7 @@ class ThermalGrowth(Effect):
 
     def apply(self, scene: S) -> S:
         """ppm (1 - exp(-t / time constant)) of the way from base to tool."""
-        growth = self.ppm * 1e-6 * -np.expm1(-np.maximum(scene.t_s, 0) / self.time_constant_s)
+        growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.base_mm))
 
     @classmethod
@@ -76,5 +75,5 @@ class _GrowthBeyond(ThermalGrowth):
 
     def apply(self, scene: S) -> S:
         """ppm (1 - exp(-t / time constant)) of the way from the joint to the tool."""
-        growth = self.ppm * 1e-6 * -np.expm1(-np.maximum(scene.t_s, 0) / self.time_constant_s)
+        growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.link_after(self.axis)[0]))

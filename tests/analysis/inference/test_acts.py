@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from analysis.inference.act_list import LEAST_SHARE
+from analysis.inference.act_list import LEAST_SHARE, JudgedPlace, one_after_the_other
+from analysis.inference.acts import Act
 from analysis.inference.blocks import blocks_of
 from analysis.inference.result import Diagnosis, Named, is_sure
 from analysis.inference.setups import fit_run_setups
@@ -16,7 +19,7 @@ from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
 from analysis.traces.tables import CircleTable
 from rigs.calibration import Judged, ground_of, verdict_of
-from rigs.effects import VOCABULARY, Backlash, Compliance, JointOffset, LinkGeometry
+from rigs.effects import VOCABULARY, Backlash, Compliance, Effect, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
 from rigs.schema.vocabulary import Direction
@@ -188,3 +191,20 @@ def _first_lap(way: Direction) -> CircleTable:
     assert isinstance(table, CircleTable)
     half = slice(0, len(table.t_s) // 2)
     return replace(table, t_s=table.t_s[half], q=table.q[half], g_mm=table.g_mm[half])
+
+
+def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
+    zero, play = JointOffset(axis=3, offset_deg=0.05), Backlash(axis=5, width_deg=0.03)
+    acts = [
+        Act("remaster", "fault", removes_um=60, removes_u_um=3.0, effect=zero),
+        Act("load", "correction", removes_um=50),
+        Act("approach", "history", remains_um=12, effect=play),
+        Act("repair", "fault", removes_um=10, removes_u_um=4.0, effect=play),
+    ]
+    said = one_after_the_other(acts, cast("JudgedPlace", _Judged()))
+    assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, 0), (None, 0), (None, 0), (8.0, 5.0)]
+
+
+class _Judged:
+    def removed(self, effects: Sequence[Effect]) -> Act:
+        return Act("none", "sound", remains_um=10.0 - len(effects))

@@ -183,3 +183,10 @@ def test_a_measurement_that_no_test_does_is_said_first_and_once() -> None:
     group = Act("measure", "group", (0,), against=(Against("no_place"),))
     said = ActWords(diagnosis(acts=(group,))).next
     assert said.startswith("Declare another circle") and "(" not in said.replace("(Theta)", "")
+
+
+def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
+    """Who read 106 to 46, then 106 to 96, took the second for the error after both."""
+    alone = ActWords(diagnosis(acts=(REPAIR,))).next
+    both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
+    assert "entered before it, 1.2 ± 0.3 µm remain" in both and "before it" not in alone
