@@ -172,8 +172,10 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
 
 
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:
-    """Say how the model that was written is corrected by, unless it is to correct nothing."""
+    """Say how the model that was written is corrected by, unless it is to correct nothing or has no effects."""
     from rigs.calibration import verdict_of
 
-    if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "correct":
+    calibrated = diagnosis.calibrated
+    holds_some = bool(diagnosis.written or (calibrated and calibrated.effects))
+    if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

@@ -12,11 +12,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.cli import app
-from analysis.cli.diagnose import with_commands_here
+from analysis.cli.diagnose import say_correct, with_commands_here
 from analysis.reporting.act_words import ActWords
 from rigs.errors import FileError, RigError
 from rigs.load import load
-from tests.support.handmade_diagnosis import LOAD, diagnosis
+from tests.support.handmade_diagnosis import LOAD, PLAY, diagnosis
 
 CELL = load("paper-fanuc")[1]
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
@@ -171,3 +171,12 @@ def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
     monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a"])
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
+
+
+@pytest.mark.parametrize("effects", [(), (PLAY,)])
+def test_a_model_without_effects_is_not_corrected_by(
+    effects: tuple[Any, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sound arm's model led to `has no effects to correct`."""
+    say_correct(replace(diagnosis("named"), effects=effects, calibrated=None), Path("found/cell.yaml"))
+    assert capsys.readouterr().err == ("next: rig correct found/cell.yaml -o corrections\n" if effects else "")
