@@ -64,24 +64,26 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
-    done = _written(to, text, write=write)  # first of all, since an error is one line alone
+    if not (write and to.path):
+        done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
+    elif text == to.text:
+        done = f"{to.path} has these values already"
+    else:
+        kept = _replace(to.path, to.text, text)
+        done = f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
         u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(values) for key, values in fitted.u.items()}
         say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
-        _print_block(fitted)
+        say("tests:")
+        first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
+        say(f"{first} # from {fitted.used}")
+        for line, key in zip(lines, fitted.values, strict=True):
+            unit = "°" if key in _DIRECTIONS else " mm"
+            say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
     say(done, err=True)
-
-
-def _print_block(fitted: FittedTest) -> None:
-    say("tests:")
-    first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
-    say(f"{first} # from {fitted.used}")
-    for line, key in zip(lines, fitted.values, strict=True):
-        unit = "°" if key in _DIRECTIONS else " mm"
-        say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
 
 
 def u_written(u: Sequence[float], unit: str) -> str:
@@ -95,16 +97,6 @@ def _numbers(u: Sequence[float]) -> float | list[float]:
     """Uncertainties with two digits, as JSON has them: one number, or several."""
     numbers = [float(f"{value:.2g}") for value in u]
     return numbers if len(numbers) > 1 else numbers[0]
-
-
-def _written(to: RigFile, text: str, *, write: bool) -> str:
-    """What was done with the rig file, in words: it is written where that is asked for and changes it."""
-    if not (write and to.path):
-        return f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
-    if text == to.text:
-        return f"{to.path} has these values already"
-    kept = _replace(to.path, to.text, text)
-    return f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
 
 
 def _not_drivable(rig: Rig) -> list[str]:

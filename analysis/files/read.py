@@ -300,7 +300,12 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
     count = 0
     for line, fields in rows:
         if len(fields) != len(names):
-            what = f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}"
+            why = (
+                "; put a text with a comma in quotes, and write decimals with a point"
+                if len(fields) > len(names)
+                else "; is the line cut off?"
+            )
+            what = f"has {len(fields)} fields, the header {len(names)}{why}"
             problems.add([TableProblem(line, "", what)])
             continue
         if count > most_rows:
@@ -308,12 +313,6 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             raise FileError(where, what, "import it in several runs")
         count += 1
         yield line, fields
-
-
-def _why(fields: list[str], names: list[str]) -> str:
-    if len(fields) > len(names):
-        return "; put a text with a comma in quotes, and write decimals with a point"
-    return "; is the line cut off?"
 
 
 def _with_direction(columns: Columns, direction: Direction, rows: int) -> Columns:

@@ -198,16 +198,12 @@ def judge(series: Series) -> Judged | None:
     kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
     runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
     standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
-    bound = _deciding(series.limit, standings[-1])
+    # The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit
+    bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]
+    bound = bounds[-1] if standings[-1] == "fail" else bounds[0]
     against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]
     after, before = _CROSSED[standings[-1]]
     crossed = max((k for k, standing in enumerate(against) if standing == before), default=-1) + 1
     since = next(k for k in range(crossed, len(runs)) if against[k] in after)
     beyond = tuple(run for (run, _), standing in zip(runs, standings, strict=True) if standing == "fail")
     return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))
-
-
-def _deciding(limit: Limit, standing: Standing) -> float:
-    """The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit."""
-    bounds = [size for size in (limit.watch, limit.fail) if size is not None]
-    return bounds[-1] if standing == "fail" else bounds[0]

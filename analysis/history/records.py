@@ -23,7 +23,6 @@ from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
 
 
@@ -106,7 +105,10 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
             warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
             measured = load_measured(path)
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
-            program = _program(measured.rig, manifest.test)
+            # A digest of what the robot drives; figures of different programs are not comparable
+            part = getattr(measured.rig.tests, _PLACES[manifest.test]) if manifest.test in _PLACES else None
+            driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
+            program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
             result = result_of(measured)
             figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
     except FileError as error:
@@ -140,13 +142,6 @@ def _plain_record(
         figures,
         corrected=manifest.corrected,
     )
-
-
-def _program(rig: Rig, test: str) -> str:
-    """A digest of what the robot drives; figures of different programs are not comparable."""
-    part = getattr(rig.tests, _PLACES[test]) if test in _PLACES else None
-    driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
-    return hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
 
 
 def in_time(records: Iterable[Record]) -> list[Record]:

@@ -110,20 +110,16 @@ def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) ->
     title = f"{strand.title}: residual {rms(strand.before_um):.1f}{after} µm rms"
     axes.set_title(title, fontsize=9, loc="left", fontweight="bold")
     axes.set_ylabel("less the model\nbegun with / µm", fontsize=8)
-    _headroom(axes, strand.before_um)
+    # Room above the curve for the joints' numbers
+    low, high = float(strand.before_um.min()), float(strand.before_um.max())
+    span = max(high - low, 1e-6)
+    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
     if named:
         _legend(axes, 3)
 
 
 def _legend(axes: Axes, columns: int) -> None:
     axes.legend(fontsize=7, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderpad=0)
-
-
-def _headroom(axes: Axes, values: Array) -> None:
-    """Room above the curve for the joints' numbers."""
-    low, high = float(values.min()), float(values.max())
-    span = max(high - low, 1e-6)
-    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
 
 
 def _draw_left(axes: Axes, strand: Strand, *, named: bool) -> None:

@@ -196,7 +196,8 @@ def raw_figure(results: Sequence[Result]) -> Figure:
     for circle, axes in zip(_circles(results), panels, strict=True):
         for lap in circle.curve.laps:
             axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[circle.laps.direction])
-        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {_laps(circle)}")
+        laps = "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
+        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {laps}")
         whole = np.linspace(0, 2 * np.pi, 361)
         sine = f"sine, amplitude {circle.figures['amplitude_deg']}"
         axes.plot(np.degrees(whole), np.degrees(circle.sine(whole)), "-", lw=1, color="black", label=sine)
@@ -208,7 +209,9 @@ def raw_figure(results: Sequence[Result]) -> Figure:
 def error_figure(results: Sequence[Result]) -> Figure:
     """Orientation error with its band and the joints' reversals, a panel for each run (figure 6)."""
     figure, panels = _panels(results, f"Orientation error in {results[0].test}")
-    low, high = _common_range(_circles(results))
+    # One scale for all panels, with room for the marks above and the band's text below
+    errors = np.degrees(np.concatenate([circle.residual for circle in _circles(results)]))
+    low, high = float(errors.min()), float(errors.max())
     for result, circle, axes in zip(results, _circles(results), panels, strict=True):
         error = np.degrees(circle.residual)
         for lap in circle.curve.laps if circle.laps.count > 1 else ():
@@ -216,16 +219,12 @@ def error_figure(results: Sequence[Result]) -> Figure:
             axes.plot(np.degrees(PHI), lap_error, "-", lw=0.5, color=_INK[circle.laps.direction], alpha=0.4)
         axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[circle.laps.direction])
         axes.axhspan(error.min(), error.max(), color=_INK[circle.laps.direction], alpha=0.08, lw=0)
-        axes.set_ylim(low, high)
+        axes.set_ylim(low - 0.28 * (high - low), high + 0.3 * (high - low))
         axes.set_ylabel(f"{circle.laps.direction}: error / °")
         band = f"error band {circle.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
         mark_reversals(axes, result.reversals)
     return figure
-
-
-def _laps(circle: CircleResult) -> str:
-    return "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
 
 
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
@@ -244,13 +243,6 @@ def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
 
 def _circles(results: Sequence[Result]) -> list[CircleResult]:
     return [result.found for result in results if isinstance(result.found, CircleResult)]
-
-
-def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
-    """One scale for all panels, with room for the marks above and the band's text below."""
-    low = min(float(np.degrees(circle.residual).min()) for circle in circles)
-    high = max(float(np.degrees(circle.residual).max()) for circle in circles)
-    return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
 def mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:

@@ -112,15 +112,10 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
         cells = [_cell(result, name, truth_of.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
-    if lags := _lags(group):
+    if any(result.measured.u_lag_s for result in group):  # how well the gauges' time is known against the robot's
+        lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
         table.add_row("time, gauges to robot", *lags, style="dim")
     return whole(table)
-
-
-def _lags(group: Sequence[Result]) -> list[str]:
-    """How well the gauges' time is known against the robot's, where that is known of any run."""
-    lag_is_known = any(result.measured.u_lag_s for result in group)
-    return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if lag_is_known else []
 
 
 def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str | Text:

@@ -55,30 +55,24 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
         setup = '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;'
         begin = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
         moves = [*begin, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
-    head = [f"MODULE {name}_m", *comments, _tool(plan), _BASE, *identity, *declared, f"  PROC {name}()"]
-    module = [*head, *_settings(plan), *moves]
-    return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
-
-
-_BASE = '  LOCAL PERS wobjdata rig_base:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
-
-
-def _tool(plan: Plan) -> str:
-    """The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say."""
+    # The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say
     T = plan.arm.T_flange_tool
     mass = max(plan.payload_kg, _LIGHTEST_KG)
     centre = T[:3, 3] / 2 if np.linalg.norm(T[:3, 3]) > 1 else np.array([0.0, 0.0, 1.0])
     load = f"[{fixed(mass, 3)},[{listed(centre, 1)}],[1,0,0,0],0,0,0]"
-    return f"  LOCAL PERS tooldata rig_tool:=[TRUE,{_pose(T)},{load}];"
-
-
-def _settings(plan: Plan) -> list[str]:
+    tool = f"  LOCAL PERS tooldata rig_tool:=[TRUE,{_pose(T)},{load}];"
+    head = [f"MODULE {name}_m", *comments, tool, _BASE, *identity, *declared, f"  PROC {name}()"]
     limit = fixed(ACCELERATION_MM_S2 / 1e3, 3)
-    return [
+    settings = [
         "    ConfL\\Off;",
         f"    CirPathMode\\{'PathFrame' if turns_with_path(plan) else 'ObjectFrame'};",
         f"    PathAccLim TRUE\\AccMax:={limit},TRUE\\DecelMax:={limit};",
     ]
+    module = [*head, *settings, *moves]
+    return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
+
+
+_BASE = '  LOCAL PERS wobjdata rig_base:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
 
 
 def _shown(plan: Plan) -> str:

@@ -135,9 +135,19 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program, and the feed of its joint angles where the rig file reads lines."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
-    remarks = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    w, p, r = fixed_xyz_deg(T)
+    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
+    remarks = _WORDS.remarks(*heading(plan, demand, begin))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
-    return {f"{name}.LS": _program(name, [*remarks, *_frames(plan.arm), *moves], positions), **feed(plan)}
+    # The world frame, and the tool's frame from the rig file by way of a position register
+    values = [*plan.arm.T_flange_tool[:3, 3], *fixed_xyz_deg(plan.arm.T_flange_tool)]
+    texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
+    elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
+    set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
+    frames = ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
+    return {f"{name}.LS": _program(name, [*remarks, *frames, *moves], positions), **feed(plan)}
 
 
 def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
@@ -151,22 +161,6 @@ def _numbered(number: int, line: str) -> str:
     """An instruction with its number; a second line of it (the end of an arc) has none."""
     first, *continued = line.split("\n")
     return "\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;"
-
-
-def _frames(arm: Arm) -> list[str]:
-    """The world frame, and the tool's frame from the rig file by way of a position register."""
-    values = [*arm.T_flange_tool[:3, 3], *fixed_xyz_deg(arm.T_flange_tool)]
-    texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
-    elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
-    set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
-    return ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
-
-
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    w, p, r = fixed_xyz_deg(T)
-    return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
 
 
 def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:

@@ -47,7 +47,16 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
-    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    rx, ry, rz = fixed_xyz_deg(T)
+    tool = plan.arm.T_flange_tool
+    entered = f"{listed(tool[:3, 3], 3)} mm {listed(fixed_xyz_deg(tool), 3)} deg".replace(",", " ")
+    begin = (
+        f"(base) X {x:.1f} Y {y:.1f} Z {z:.1f} mm Rx {rx:.2f} Ry {ry:.2f} Rz {rz:.2f} deg with tool {TOOL_NUMBER} "
+        f"entered as {entered}"
+    )
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
     moves = _instructions(plan, positions)
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
@@ -110,18 +119,6 @@ def _position(arm: Arm, target: Target, positions: list[str]) -> str:
     angles = listed(fixed_xyz_deg(target.T), _DEG_DECIMALS)
     positions.append(f"///RCONF {','.join(map(str, form))}{_UNUSED}\n{places},{angles}")
     return f"C{len(positions) - 1:05d}"
-
-
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    rx, ry, rz = fixed_xyz_deg(T)
-    tool = plan.arm.T_flange_tool
-    entered = f"{listed(tool[:3, 3], 3)} mm {listed(fixed_xyz_deg(tool), 3)} deg".replace(",", " ")
-    return (
-        f"(base) X {x:.1f} Y {y:.1f} Z {z:.1f} mm Rx {rx:.2f} Ry {ry:.2f} Rz {rz:.2f} deg with tool {TOOL_NUMBER} "
-        f"entered as {entered}"
-    )
 
 
 WRITER = ProgramWriter(write)
