@@ -73,15 +73,14 @@ class HostClockMonitor:
         if slept_ns > _STEP_NS:
             details.append(f"the computer slept for {slept_ns / 1e9:.1f} s and read nothing; switch its suspend off")
         if abs(set_ns) > _STEP_NS:
-            earlier, after = (_utc(wall_ns) for wall_ns in (now.wall_ns - set_ns, now.wall_ns))
+            earlier, after = (
+                datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
+                for wall_ns in (now.wall_ns - set_ns, now.wall_ns)
+            )
             details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {earlier} to {after}")
         if details:
             self._known = now
         return [Fault(FaultKind.CLOCK, now.monotonic_ns, detail) for detail in details]
-
-
-def _utc(wall_ns: int) -> str:
-    return datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
 
 
 _SLEEP_S = 0.1

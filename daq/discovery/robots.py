@@ -63,15 +63,13 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
         if isinstance(message, Message)
     ]
     for separator in _SEPARATORS:
-        rows = [[number(part.strip()) for part in _split(text, separator)] for text, _ in lines]
+        rows = [
+            [number(part.strip()) for part in text.split(None if separator == " " else separator)] for text, _ in lines
+        ]
         if len(rows) >= _FEWEST_LINES and len(rows[0]) >= 6 and len({len(row) for row in rows}) == 1:
             columns = [list(column) for column in zip(*rows, strict=True)]
             return _layout(columns, [at_s for _, at_s in lines], separator)
     return None
-
-
-def _split(text: str, separator: str) -> list[str]:
-    return text.split(None if separator == " " else separator)
 
 
 def _layout(columns: list[list[float | None]], at_s: list[float], separator: str) -> Layout | None:
