@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -103,9 +104,17 @@ def _not_drivable(rig: Rig) -> list[str]:
     error = _program_error(rig)
     if error is None:
         return []
-    possible = (posture for posture in _turned(rig) if _program_error(_with_posture(rig, posture)) is None)
-    posture = next(possible, None)
-    remedy = f"it can with posture_deg: {list(posture)}" if posture else error.remedy
+    circle, remedy = rig.tests.circle, error.remedy
+    assert circle is not None  # noqa: S101 - it was just fitted
+    # It may be able to with one axis a whole turn further or back.
+    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
+        posture = list(circle.posture_deg)
+        posture[axis] = round(posture[axis] + turn_deg, 2)
+        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
+        tests = rig.tests.model_copy(update={"circle": turned})
+        if _program_error(rig.model_copy(update={"tests": tests})) is None:
+            remedy = f"it can with posture_deg: {posture}"
+            break
     return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
 
 
@@ -117,22 +126,6 @@ def _program_error(rig: Rig) -> RigError | None:
     except RigError as error:
         return error
     return None
-
-
-def _turned(rig: Rig) -> Iterator[tuple[float, ...]]:
-    """The posture of the circle in degrees with one axis a whole turn further or back."""
-    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
-    posture = rig.tests.circle.posture_deg
-    for axis in range(len(posture)):
-        for turn_deg in (360.0, -360.0):
-            turned = round(posture[axis] + turn_deg, 2)
-            yield (*posture[:axis], turned, *posture[axis + 1 :])
-
-
-def _with_posture(rig: Rig, posture_deg: tuple[float, ...]) -> Rig:
-    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
-    circle = rig.tests.circle.model_copy(update={"posture_deg": posture_deg})
-    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
 def _replace(path: Path, old: str, new: str) -> Path:

@@ -107,7 +107,10 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
         {
             "directory": str(fleet.directory),
             "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
-            "robots": [_object(state) for state in fleet.robots],
+            "robots": [
+                asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
+                for state in fleet.robots
+            ],
             "without_robot": dict(fleet.strays),
             "notes": list(fleet.notes),
             "runs": fleet.runs,
@@ -116,8 +119,3 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
         }
     )
     return plain
-
-
-def _object(state: State) -> dict[str, Any]:
-    changed = {"attention": state.attention, "without_figures": dict(state.without_figures)}
-    return asdict(state) | changed

@@ -124,13 +124,13 @@ def history_of(
         for name in (_wanted(group, tolerances) if figure is None else [figure])
         if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
-    series = tuple(
-        Series(
-            title, name, with_figure, _trend(with_figure, name, len(picked)), tolerances.of(with_figure[0].test, name)
-        )
-        for title, name, with_figure in picked
-    )
-    return History(collected, series)
+    series = []
+    for title, name, with_figure in picked:
+        quantities = [run.figures[name] for run in with_figure]
+        values, u = (np.array([getattr(quantity, part) for quantity in quantities]) for part in ("value", "u"))
+        trend = trend_of(values, np.nan_to_num(u, posinf=0.0), len(picked))
+        series.append(Series(title, name, with_figure, trend, tolerances.of(with_figure[0].test, name)))
+    return History(collected, tuple(series))
 
 
 def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
@@ -138,12 +138,6 @@ def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
     names = {name for run in group for name in run.figures}
     limited = sorted(name for name in names.difference(WATCHED) if limits.of(group[0].test, name) is not None)
     return [*(name for name in WATCHED if name in names), *limited]
-
-
-def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
-    quantities = [run.figures[figure] for run in runs]
-    u = np.array([quantity.u for quantity in quantities])
-    return trend_of(np.array([quantity.value for quantity in quantities]), np.nan_to_num(u, posinf=0.0), series)
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:

@@ -3,7 +3,7 @@ error), 13 and 14 (radial), 15 (repeatability); and the poses of a tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -22,7 +22,7 @@ from analysis.reporting.iso_views import PlaneView, cube_view, path_view
 from analysis.reporting.sheet import Sheet
 
 if TYPE_CHECKING:
-    from analysis.files.write import Writer
+    pass
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
@@ -34,29 +34,23 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     written."""
     from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    return write_views(directory, {name: writer for group in by_test(results) for name, writer in _pictures(group)})
+    figures: dict[str, Callable[[], Figure]] = {}
+    for group in by_test(results):  # of one test on one rig, and named by both
+        stem = f"{group[0].measured.rig.name}-{group[0].test}"
+        if isinstance(group[0].found, CircleResult):
+            figures[f"{stem}-raw.png"] = partial(raw_figure, group)
+            figures[f"{stem}-error.png"] = partial(error_figure, group)
+            continue
+        for name, result in distinctly_named(group):
+            figures[f"{stem}-{name}.png"] = partial(_other_figure, result)
+            view = cube_view(result)
+            if view is not None:
+                figures[f"{stem}-{name}-cube.png"] = partial(cube_figure, result, view)
+    return write_views(directory, {name: partial(_save, figure) for name, figure in figures.items()})
 
 
-def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:
-    """Yield the pictures of runs of one test on one rig, named by both."""
-    stem = f"{results[0].measured.rig.name}-{results[0].test}"
-    if isinstance(results[0].found, CircleResult):
-        yield f"{stem}-raw.png", lambda file: raw_figure(results).savefig(file, format="png", dpi=150)
-        yield f"{stem}-error.png", lambda file: error_figure(results).savefig(file, format="png", dpi=150)
-        return
-    for name, result in distinctly_named(results):
-        yield f"{stem}-{name}.png", partial(_save_other, result)
-        view = cube_view(result)
-        if view is not None:
-            yield f"{stem}-{name}-cube.png", partial(_save_cube, result, view)
-
-
-def _save_other(result: Result, file: BinaryIO) -> None:
-    _other_figure(result).savefig(file, format="png", dpi=150)
-
-
-def _save_cube(result: Result, view: PlaneView, file: BinaryIO) -> None:
-    cube_figure(result, view).savefig(file, format="png", dpi=150)
+def _save(figure: Callable[[], Figure], file: BinaryIO) -> None:
+    figure().savefig(file, format="png", dpi=150)
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:

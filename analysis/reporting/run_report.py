@@ -12,7 +12,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
-from analysis.measures.pooled import BetweenRuns, Pooled, pairs_of, pooled
+from analysis.measures.pooled import Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plain_console import whole
@@ -88,13 +88,12 @@ def _means(repeated: Sequence[Pooled]) -> Table:
     for mean in repeated:
         table.add_column(_over(mean.title, f"{len(mean.runs)} runs"), justify="right")
     for name in in_order(name for mean in repeated for name in mean.figures):
-        cells = [_mean_cell(mean.figures[name]) if name in mean.figures else "" for mean in repeated]
+        figures = [mean.figures.get(name) for mean in repeated]
+        cells = [
+            _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}") if figure else "" for figure in figures
+        ]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     return whole(table)
-
-
-def _mean_cell(figure: BetweenRuns) -> Text:
-    return _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}")
 
 
 def _over(text: str, below: str, style: str = "dim") -> Text:

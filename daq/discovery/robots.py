@@ -147,7 +147,10 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                     units_sure=tried.sure,
                     reported=stopped or _own_report(tried.trial),
                 )
-            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
+            trial = tried.trial
+            silence = "not understood" if trial.received else "nothing arrived"
+            why = trial.error.what if trial.error else _own_report(trial) or silence
+            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
     except ValidationError:
         return RobotReport(
             address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
@@ -227,12 +230,6 @@ def _try(robot: Feedback) -> _Tried:
 
 def _host(robot: Feedback, sends: Sends) -> Host:
     return Probing(feedback.host(robot), sends, _SILENCES)
-
-
-def _why_not(trial: Trial) -> str:
-    if trial.error:
-        return trial.error.what
-    return _own_report(trial) or ("not understood" if trial.received else "nothing arrived")
 
 
 def _own_report(trial: Trial) -> str:

@@ -28,7 +28,6 @@ from analysis.robot_programs.plan import (
     Line,
     Move,
     Plan,
-    SignalPlace,
     Target,
     Turn,
     percent_of_axes,
@@ -89,7 +88,12 @@ def feed(plan: Plan) -> dict[str, str]:
     if (address := tcp_address(plan.feedback.port)) is None:
         return {}
     line = f", {_literal(plan.feedback.separator)}, ".join(map(_field, plan.feedback.fields))
-    signal = _signal(plan.signal_place) if SIGNAL in plan.feedback.fields else ""
+    numbered = []
+    if SIGNAL in plan.feedback.fields:  # the number that the outputs show, the first output the least
+        numbered = ["signal = 0"]
+        for bit, number in enumerate(plan.signal_place.outputs):
+            numbered += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]
+    signal = "".join(f"        {line_of_signal}\n" for line_of_signal in numbered)
     text = _PROGRAM.format(port=address[1], line=line, signal=signal, period=_PERIOD_MS)
     return {"RIGFEED.KL": text}
 
@@ -113,14 +117,6 @@ def _field(name: str) -> str:
         raise FileError("feedback", f"the program written here cannot print {name}", "take it out of `fields`")
     joint = f"joints[{name[1]}]"
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"
-
-
-def _signal(place: SignalPlace) -> str:
-    """The number that the outputs show, the first output the least."""
-    lines = ["signal = 0"]
-    for bit, number in enumerate(place.outputs):
-        lines += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]
-    return "".join(f"        {line}\n" for line in lines)
 
 
 _NAME_LENGTH = 36
@@ -151,16 +147,13 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
 
 
 def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
-    numbered = [_numbered(number, line) for number, line in enumerate(lines, start=1)]
+    numbered = []
+    for number, line in enumerate(lines, start=1):
+        first, *continued = line.split("\n")  # a second line of an instruction, the end of an arc, has no number
+        numbered.append("\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;")
     points = [f"P[{number}]{{\n   GP1:\n{text}\n}};" for text, number in positions.items()]
     head = [f"/PROG  {name}", "/ATTR", 'COMMENT\t\t= "RIG PROGRAM";', "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
     return "\n".join([*head, *numbered, "/POS", *points, "/END", ""])
-
-
-def _numbered(number: int, line: str) -> str:
-    """An instruction with its number; a second line of it (the end of an arc) has none."""
-    first, *continued = line.split("\n")
-    return "\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;"
 
 
 def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:

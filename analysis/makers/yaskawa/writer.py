@@ -61,19 +61,15 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
     instructions = ["//INST", "///DATE 2026/01/01 00:00", "///ATTR SC,RW,RJ", "///FRAME BASE", "///GROUP1 RB1", "NOP"]
-    lines = [*head, *form, *_grouped(positions), *instructions, *comments, *moves, "END", ""]
-    return {f"{name}.JBI": "\n".join(lines)}
-
-
-def _grouped(positions: list[str]) -> list[str]:
-    """The positions, each `RCONF\\nvalues`, numbered; an RCONF holds until the next one."""
-    lines: list[str] = []
+    # The positions, each `RCONF\nvalues`, numbered; an RCONF holds until the next one
+    numbered: list[str] = []
     last = ""
     for number, text in enumerate(positions):
-        form, values = text.split("\n")
-        lines += [f"C{number:05d}={values}"] if form == last else [form, f"C{number:05d}={values}"]
-        last = form
-    return lines
+        rconf, values = text.split("\n")
+        numbered += [f"C{number:05d}={values}"] if rconf == last else [rconf, f"C{number:05d}={values}"]
+        last = rconf
+    lines = [*head, *form, *numbered, *instructions, *comments, *moves, "END", ""]
+    return {f"{name}.JBI": "\n".join(lines)}
 
 
 def _instructions(plan: Plan, positions: list[str]) -> list[str]:
