@@ -79,14 +79,14 @@ def _direction(given: str) -> Direction:
     return direction
 
 
-def _directions() -> list[str]:
-    return ["acw", "cw"]
-
-
 def direction_option(meaning: str) -> Any:
     """The option --direction, with what it means for a command."""
     return typer.Option(
-        "--direction", metavar="<acw|cw>", parser=_direction, autocompletion=_directions, help=f"{meaning}; ccw is acw."
+        "--direction",
+        metavar="<acw|cw>",
+        parser=_direction,
+        autocompletion=lambda: ["acw", "cw"],
+        help=f"{meaning}; ccw is acw.",
     )
 
 
@@ -102,14 +102,10 @@ def _one_of(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _makers() -> list[str]:
-    return list(MAKERS)
-
-
 def maker_option(meaning: str, default: str = "") -> Any:
     """The option --for, with what it means for a command, and what stands for it where it is not given."""
     help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
-    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=_makers, help=help_text)
+    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
 
 RigArgument = Annotated[

@@ -194,6 +194,6 @@ def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
     since_ns = (t_s - t_s.min(initial=0.0)) * 1e9
     beyond = np.flatnonzero(~(since_ns < _END_NS))
     if beyond.size:
-        what = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
-        raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
+        problem = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
+        raise FileError(str(run.path), problem, "import it with t_s in seconds, or export it as csv or parquet")
     return np.asarray(np.rint(since_ns), dtype=np.uint64)

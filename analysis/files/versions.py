@@ -86,8 +86,8 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     if other.calibration is None or other.calibrated is None:
         raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
     if _identity(other) != _identity(rig):
-        what = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
-        raise FileError(str(version), what, "name a version of this robot")
+        problem = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
+        raise FileError(str(version), problem, "name a version of this robot")
     content = other.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)

@@ -36,25 +36,17 @@ def as_tables(compared: Compared) -> RenderableType:
         for run_poses in compared.poses
     ]
     tables = (_table(comparison) for comparison in compared.runs)
+    where: list[RenderableType] = []
+    if compared.disagreement is not None:  # the model of all runs with them, and what is left as its effects are added
+        where = [Text("\nWhere model and readings disagree", style="bold"), *places_table(compared.disagreement.where)]
+        if stairs := stairs_of_model(compared.disagreement):
+            where += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
+        where.append(Text())
     lines = []
     for name, setup in compared.setups.items():
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
-    return Group(*tables, *poses, *_disagreement(compared.disagreement), *doubts, *lines)
-
-
-def _disagreement(disagreement: Disagreement | None) -> list[RenderableType]:
-    """Where the model of all runs disagrees with them, and what is left as its effects are added."""
-    if disagreement is None:
-        return []
-    shown: list[RenderableType] = [
-        Text("\nWhere model and readings disagree", style="bold"),
-        *places_table(disagreement.where),
-    ]
-    stairs = stairs_of_model(disagreement)
-    if stairs:
-        shown += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
-    return [*shown, Text()]
+    return Group(*tables, *poses, *where, *doubts, *lines)
 
 
 def _table(comparison: Comparison) -> Table:

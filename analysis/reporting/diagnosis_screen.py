@@ -12,7 +12,7 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Gap
+from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -146,17 +146,14 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             ends = (gap.calibrated_um, gap.noise_floor_um)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", own set-up"
-            table.add_row(f"{name}{how}", *map(_number, cells), *([_percent(gap)] if effects else []))
+            share = closed(gap)
+            percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
+            table.add_row(f"{name}{how}", *map(_number, cells), *percents)
     return [table]
 
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else ""
-
-
-def _percent(gap: Gap) -> str:
-    share = closed(gap)
-    return f"{100 * share:.1f} %" if math.isfinite(share) else ""
 
 
 def _left(diagnosis: Diagnosis) -> list[RenderableType]:

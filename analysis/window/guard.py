@@ -99,7 +99,13 @@ class Gate:
         if self.token is None:
             return True
         kind, _, credentials = headers.get("authorization", "").partition(" ")
-        return (kind.lower() == "bearer" and self.is_token(credentials.strip())) or _same(_cookie(headers), self.pass_)
+        if kind.lower() == "bearer" and self.is_token(credentials.strip()):
+            return True
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        return cookie is not None and _same(cookie.value, self.pass_)
 
     def is_own_form(self, form: Mapping[str, str]) -> bool:
         """Whether a form was made by this process."""
@@ -173,14 +179,6 @@ def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
         return gate.wrong(scope)
     except ValueError:
         return 400, "The request is not understood."
-
-
-def _cookie(headers: Mapping[str, str]) -> str:
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return ""
-    return cookie.value if cookie else ""
 
 
 def _same(text: str, secret: str) -> bool:

@@ -71,7 +71,8 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
         Attempt(gauges, line, "requests")
         for line in USUAL_LINES
         for gauges in asked
-        if not (_has_line(gauges) and gauges[0].line == line) and _fits(gauges, line)
+        if not (_has_line(gauges) and gauges[0].line == line)
+        and (line.bits == 8 or gauges[0].interface != "modbus_map")  # Modbus RTU needs all eight
     ]
     return [*listened, *by_line, *usual]
 
@@ -132,11 +133,6 @@ def _streams(members: tuple[Gauge, ...]) -> bool:
 def _has_line(members: tuple[Gauge, ...]) -> bool:
     """Whether the maker's line settings are known."""
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
-
-
-def _fits(members: tuple[Gauge, ...], line: Line) -> bool:
-    """Whether a protocol can be spoken with so many data bits: Modbus RTU needs all eight."""
-    return line.bits == 8 or members[0].interface != "modbus_map"
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:

@@ -348,20 +348,15 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
         else:
             blocks.branch()
     else:  # IF …, action; and the lines of SELECT
-        _, _, action = _split(text)
+        depth, action = 0, ""  # behind the comma that is outside of brackets
+        for at, letter in enumerate(text):
+            depth += (letter in "([") - (letter in ")]")
+            if letter == "," and depth == 0:
+                action = text[at + 1 :]
+                break
         blocks.branch()
         _statement(reader, action.strip(), last_line)
         blocks.close()
-
-
-def _split(text: str) -> tuple[str, str, str]:
-    """Return a condition and the action behind its comma, which is outside of brackets."""
-    depth = 0
-    for at, letter in enumerate(text):
-        depth += (letter in "([") - (letter in ")]")
-        if letter == "," and depth == 0:
-            return text[:at], ",", text[at + 1 :]
-    return text, "", ""
 
 
 def _mentioned(reader: _Reader, text: str) -> None:

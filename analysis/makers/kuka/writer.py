@@ -64,25 +64,20 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
         "$ORI_TYPE = #VAR",
         f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
     ]
-    steps = _without_repeats([*settings, *on, *moves])
+    # System variables are not set to what they are; outputs are switched each time.
+    steps, assigned_values = list[str](), dict[str, str]()
+    for instruction in [*settings, *on, *moves]:
+        variable, assigned, value = instruction.partition(" = ")
+        if assigned and variable.startswith("$") and not variable.startswith("$OUT"):
+            if assigned_values.get(variable) == value:
+                continue
+            assigned_values[variable] = value
+        steps.append(instruction)
     body = [*comments, *declared, *steps]
     source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
     data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
     listing = ["&ACCESS RVP", f"DEFDAT {name}", *data, "ENDDAT", ""]
     return {f"{name}.src": "\n".join(source), f"{name}.dat": "\n".join(listing)}
-
-
-def _without_repeats(lines: list[str]) -> list[str]:
-    """The same without settings of system variables to what they are; outputs are switched each time."""
-    kept, assigned_values = list[str](), dict[str, str]()
-    for line in lines:
-        name, assigned, value = line.partition(" = ")
-        if assigned and name.startswith("$") and not name.startswith("$OUT"):
-            if assigned_values.get(name) == value:
-                continue
-            assigned_values[name] = value
-        kept.append(line)
-    return kept
 
 
 def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
