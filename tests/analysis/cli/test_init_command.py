@@ -100,9 +100,8 @@ def test_a_tracker_and_sockets_need_an_arm_of_any_number_of_axes_and_no_gauges(
 
 def test_a_robot_that_guides_from_touch_to_touch_is_found(tmp_path: Path) -> None:
     with switched_on("sylvac", "ur") as unknown:
-        done = init(
-            tmp_path, "--measured-by", "sockets", "--arm", "ur10e", "--robot", unknown.robot, "--tool", "0,0,90"
-        )
+        words = ("--measured-by", "sockets", "--arm", "ur10e", "--tool", "0,0,90", "--robot", unknown.robot)
+        done = init(tmp_path, *words, *unknown.robot_is_named)
     assert done.returncode == 0 and "rig record touch first" in done.stdout, done.stderr
     rig, _ = load(tmp_path / "cell.yaml")
     assert rig.feedback.interface == "ur_rtde" and not rig.gauges.recorded
