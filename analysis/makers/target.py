@@ -236,6 +236,25 @@ def brackets(text: str) -> dict[int, int]:
     return closes
 
 
+def in_one_line(text: str, closes: dict[int, int]) -> str:
+    """Return a text of the same length in which what stands in brackets, which close there, is one line."""
+    parts, at = [], 0
+    for opening in sorted(closes):
+        if opening >= at:
+            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
+            at = closes[opening]
+    return "".join((*parts, text[at:]))
+
+
+_EITHER = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
+
+
+def may_be_skipped(text: str, begin: int, end: int) -> bool:
+    """Return whether a controller may leave out what stands at `end` of an expression that begins at `begin`: behind
+    `and` and `or`, since no manual says that both sides are evaluated."""
+    return _EITHER.search(text, begin, end) is not None
+
+
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     """Return the places of what commas outside of brackets separate, without the spaces around it."""
     places, depth, start = [], 0, begin

@@ -176,7 +176,7 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
    8:  UFRAME_NUM=0 ;\r
    8:L P[5] 100mm/sec FINE INC    ;\r
    9:L PR[7] 100mm/sec FINE    ;\r
-  10:L P[R[3]] 100mm/sec FINE    ;\r
+  10:L PR[R[3]] 100mm/sec FINE    ;\r
   11:  MESSAGE[P[4] X = 3.0 mm] ;\r
   12:J P[6] 20% FINE    ;\r
   13:L P[7] 20mm/sec FINE    ;\r
