@@ -43,7 +43,7 @@ from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 from rigs.text import as_argument
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
@@ -109,7 +109,7 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
         return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
     if name == "direction":
         return "this column is missing; add it, or give --direction cw or acw"
-    if test in ("yaw", "roll") and name == "g2_mm":
+    if test in CIRCLES and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"
 

@@ -21,7 +21,6 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
-from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from rigs.rig import Rig
 
@@ -180,7 +179,11 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
     simulated = evaluate(
-        with_values(run.table, values), model.rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0
+        run.table.kind.with_readings(run.table, values),
+        model.rig,
+        run.u_lag_s,
+        f"{run.path}, simulated",
+        u_gauge_mm=0.0,
     )
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)

@@ -159,8 +159,15 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     step = -(-total // _SHOWN)
     shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows
     q, own_u_s = joined.q_at(rows_ns[shown]), joined.own_u_s[inside][shown]
-    assert manifest.direction is not None and (manifest.test == "yaw" or manifest.test == "roll")  # noqa: S101, PLR1714
-    table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], own_u_s)
+    assert manifest.direction is not None  # noqa: S101 - a circle has one
+    table = CircleTable(
+        next(test for test in CIRCLES if test == manifest.test),
+        manifest.direction,
+        rows_ns[shown],
+        q,
+        g_mm[shown],
+        own_u_s,
+    )
     middle = max(0, (len(rows_ns) - _SAMPLE) // 2)
     steps = tuple(step_of(column[middle:]) for column in g_mm.T)
     noise = tuple(noise_beneath(column[middle:], step_mm) for column, step_mm in zip(g_mm.T, steps, strict=True))

@@ -50,6 +50,8 @@ from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
 from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.simulated_gauges import Simulation
+from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind
 from analysis.noise.cell import TARGET_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
@@ -430,6 +432,9 @@ class Pose(PlaceKind[PoseTable]):
         return evaluate(
             table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
         )
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
+        return simulated_cube(rig, run.seed, run.effects)
 
     def far(self, table: PoseTable, arm: Arm) -> Far:
         return far_poses(table, without_setup(arm))

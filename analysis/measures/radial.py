@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.geometry.programs import hemisphere_of
+from analysis.geometry.programs import hemisphere_of, radial_program
 from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.evaluate import Instruments
@@ -30,6 +30,7 @@ from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RadialCurve
 from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
+from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm
@@ -350,6 +351,10 @@ class Radial(TargetKind[RadialTable]):
         """The stands at targets, with what the link is longer than the radius by its certificate."""
         table, doubts = radial_table(data, rig, where)
         return replace(table, g_mm=table.g_mm + link_excess_mm(rig)), doubts
+
+    def driven(self, rig: Rig) -> RadialTable:
+        at, none = radial_program(rig), np.empty(0)
+        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
 
     def evaluate(self, table: RadialTable, rig: Rig, where: str, instruments: Instruments) -> RadialResult:
         hold_targets(table, rig, where)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.geometry.programs import beside, hemisphere_of, repeatability_of
+from analysis.geometry.programs import beside, hemisphere_of, repeatability_of, repeatability_program
 from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.checks import hold_alive, hold_numbers
 from analysis.measures.evaluate import Instruments
@@ -23,6 +23,7 @@ from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RepeatabilityCurve
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops
 from analysis.noise.cell import TARGET_MM
@@ -207,6 +208,21 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         away = (side * repeatability_of(model.rig).approach_mm)[:, None]
         came_from = beside(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
         return stops(table.q, table.t_s, came_from)
+
+    def driven(self, rig: Rig) -> RepeatabilityTable:
+        """One reading at each target, then rounds of one approach from outside and one from inside."""
+        at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
+        approach = np.array(["none", *["out", "in"] * rounds])
+        number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
+        k = len(approach)
+        return RepeatabilityTable(
+            np.repeat(at.target, k),
+            np.tile(approach, len(at.q)),
+            np.tile(number, len(at.q)),
+            visit_times(k * len(at.q)),
+            np.repeat(at.q, k, axis=0),
+            np.empty(0),
+        )
 
     def evaluate(
         self, table: RepeatabilityTable, rig: Rig, where: str, instruments: Instruments

@@ -17,6 +17,7 @@ from analysis.conventions.units import target_units
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import Array, Integers, Mask
+from analysis.measures.simulated_gauges import Simulation, hold_gauged, read_by_gauges
 from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.kind import Kind
@@ -25,6 +26,7 @@ from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
 
 H = TypeVar("H", RadialTable, RepeatabilityTable)
 
@@ -41,6 +43,18 @@ class TargetKind(Kind[H]):
 
     def readings(self, table: H) -> Array:
         return table.g_mm[:, None]
+
+    @abstractmethod
+    def driven(self, rig: Rig) -> H:
+        """Return the table of the program, its readings still missing."""
+
+    def with_readings(self, table: H, values: Array) -> H:
+        return replace(table, g_mm=values[:, 0])
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> H:
+        hold_gauged(rig, self.test)
+        table = self.driven(rig)
+        return self.with_readings(table, read_by_gauges(rig, table, self.setup(rig), run))
 
     def setup(self, rig: Rig) -> SetUp:
         return SetUp(np.array(hemisphere_of(rig).centre_mm), np.zeros(1), np.eye(4), np.eye(4))

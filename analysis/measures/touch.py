@@ -28,9 +28,11 @@ from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
+from analysis.measures.simulated_gauges import Simulation
+from analysis.measures.simulated_touches import simulated_touches
 from analysis.measures.stops import PlaceKind
 from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
-from analysis.noise.cell import TARGET_MM
+from analysis.noise.cell import SEAT_MM, TARGET_MM
 from analysis.noise.spectrum import DRAWS
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
@@ -39,9 +41,6 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
-SEAT_MM = 0.01
-"""Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
-repeat to some micrometres, and dust and oil are a hundredth of a millimetre."""
 _FEWEST = 6
 """Touches of two sockets, or of one, that are more than the unknowns."""
 _BLIND = 1e-3
@@ -231,6 +230,9 @@ class Touch(PlaceKind[TouchTable]):
 
     def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
         return evaluate(table, model_of(rig), where)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> TouchTable:
+        return simulated_touches(rig, run.seed, run.effects)
 
     def parts(self, table: TouchTable) -> NDArray[np.str_]:
         return table.socket

@@ -44,7 +44,7 @@ from rigs.schema.condition import (
     words_of,
 )
 from rigs.schema.feedback import condition_columns
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
+from rigs.schema.vocabulary import CIRCLES, CircleTest, Direction, DrivenTest
 
 ROOM_C = 22.0
 _TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
@@ -141,7 +141,7 @@ class _Pace:
         return self.begin_s + (self.rate + rate) / 2 * since_s, rate
 
 
-def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") -> Trace:
+def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
     """The circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, readings_along(rig, test, program.t_s, program.q))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from analysis.conventions.off_path import Off
     from analysis.kinematics.arm import Arm, Array, Integers, Mask
     from analysis.measures.evaluate import Evaluated, Instruments
+    from analysis.measures.simulated_gauges import Simulation
     from analysis.model.predict import Model, Path, SetUp
     from analysis.model.scene import Scene
     from analysis.traces.align import Aligned
@@ -138,6 +139,14 @@ class Kind(ABC, Generic[T]):
     def read(self, model: Model, table: T, path: Path, scene: Scene, setup: SetUp) -> Array:
         """Return readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
         raise self.refused(f"rig {model.rig.name}")
+
+    def with_readings(self, table: T, values: Array) -> T:
+        """Return the table with other readings (n, k) mm, of gauges."""
+        raise self.refused(f"a {self.test} table")
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
+        """Return one run as it would be measured. Raises FileError where the robot cannot do the test."""
+        raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
 
     # ------------------------------------------------------------------------------------------------------------------
     # What speaks against its columns being what they are called.

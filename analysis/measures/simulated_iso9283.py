@@ -22,9 +22,9 @@ from analysis.geometry.iso_cube import (
     joints_along,
 )
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
+from analysis.measures.simulated_touches import STOPS_MM
 from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, model_of, moved, path_of
-from analysis.simulation.touches import STOPS_MM
+from analysis.model.predict import Model, Path, model_of, moved, stops
 from analysis.traces.tables import PathTable, PoseTable
 from rigs.effects import Effect
 from rigs.errors import RigPlace
@@ -95,7 +95,7 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
 
 def tool_places(model: Model, q: Array) -> Array:
     """Where the tool is (n, 3) mm in the world at joints q (n, 6) rad, one after the other."""
-    path = path_of(model, PoseTable(q, np.zeros((len(q), 3)), None))
+    path = stops(q)
     places: Array = moved(model, path).T[path.rows, :3, 3]
     return places
 
