@@ -47,7 +47,7 @@ class Comparison(Tabular):
 
     def to_table(self) -> pa.Table:
         """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
-        where = {"yaw": "phi_deg", "roll": "phi_deg", "radial": "target"}.get(self.result.test, "place")
+        where = self.result.measured.table.kind.along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})

@@ -284,6 +284,8 @@ class CircleKind(Kind[CircleTable]):
     certified = ("g1", "g2", "ball")
     swept = in_order_of_time = True
     setup_terms = 5
+    example = ("circular_deviation_mm", 0.05, 0.10)
+    part, along = "circle", "phi_deg"
 
     def __init__(
         self,

@@ -231,6 +231,7 @@ class Paths(Kind[PathTable]):
     """The path test."""
 
     in_order_of_time = True
+    example = ("line_at_mm", 0.5, 1.0)
     without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
     finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
 

@@ -324,6 +324,9 @@ class Radial(TargetKind[RadialTable]):
     """The radial test."""
 
     certified = ("g1", "ball", "link")
+    example = ("band_mm", 0.2, 0.3)
+    further = ("hemisphere (radial)", "many postures, by distance alone")
+    along = "target"
 
     def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
         """The angles (n,) rad of the table."""

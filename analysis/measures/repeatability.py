@@ -172,6 +172,8 @@ class Repeatability(TargetKind[RepeatabilityTable]):
     """The repeatability test."""
 
     certified = ("g1", "ball")
+    example = ("bi_mm", 0.05, 0.10)
+    further = ("repeatability", "the same places from both sides")
 
     def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
         """The angles (n,) rad of the targets of its numbers."""

@@ -22,19 +22,20 @@ from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.kind import Kind
 from analysis.traces.single_stands import STANDS_MM
-from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
 from rigs.schema.vocabulary import Direction
 
-H = TypeVar("H", RadialTable, RepeatabilityTable)
+H = TypeVar("H", bound=TargetTable)
 
 
 class TargetKind(Kind[H]):
     """A test at targets."""
 
     gauges = ("g1",)
+    part = "hemisphere"
     finders = ((PLACE, place_findings),)
 
     @abstractmethod
@@ -105,7 +106,7 @@ class TargetKind(Kind[H]):
         return polar[table.target - 1], azimuth[table.target - 1]
 
 
-def hold_targets(table: RadialTable | RepeatabilityTable, rig: Rig, where: str) -> None:
+def hold_targets(table: TargetTable, rig: Rig, where: str) -> None:
     """Raises FileError for a target number that the rig's hemisphere does not have."""
     if rig.tests.hemisphere is None:
         return
@@ -122,7 +123,7 @@ def target_count(hemisphere: Hemisphere) -> int:
     return len(target_angles(hemisphere)[0])
 
 
-def another_visit(table: RadialTable | RepeatabilityTable, labels: Array) -> Mask:
+def another_visit(table: TargetTable, labels: Array) -> Mask:
     """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
     differs: Mask = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
     return differs
@@ -140,6 +141,7 @@ class PlaceKind(Kind[P]):
     """A test of places."""
 
     of_places = True
+    example = ("rms_mm", 0.5, 1.0)
 
     def readings(self, table: P) -> Array:
         return table.xyz_mm

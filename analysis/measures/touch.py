@@ -183,6 +183,8 @@ class Touch(PlaceKind[TouchTable]):
 
     finders = ((WILDNESS, wild_touches),)
     constants_apart = True
+    part = "touch"
+    further = ("touch", "one place in many postures, without gauges")
     setup_terms, frame_terms = 6, 3
     setup_words = "the places of the sockets and of the ball on the tool"
     assumed_sd_mm = 0.1

@@ -31,7 +31,7 @@ from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import Correction, Expected, Session, Stage, Step, Way, Work
+from analysis.session.state import MAIN, Correction, Expected, Session, Stage, Step, Way, Work
 from analysis.traces.loading import Measured, load_measured
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -99,7 +99,7 @@ def corrected(
         _left_um(on_circle, rig, effects) for effects in ((), entries.effects, targets)
     )
     try:
-        main = _of_test(rig, model, session.stages[0], "yaw")
+        main = _of_test(rig, model, session.stages[0], MAIN)
         between_um = _between_targets_um(rig, model, session.stages[0], main)
     except FileError:
         if chosen_way == "programs":

@@ -22,7 +22,7 @@ from analysis.setting_up.circle_rows import DRIVEN, Binned, FoundCircle
 from analysis.traces.align import align, robot_alone
 from analysis.traces.csv_tables import table_from
 from analysis.traces.stands import stands_of
-from analysis.traces.tables import RadialTable, RepeatabilityTable, TouchTable
+from analysis.traces.tables import TargetTable, TouchTable
 from daq.store import Run
 from rigs.edit import Values
 from rigs.errors import FileError
@@ -232,7 +232,7 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     path, manifest = run.path, run.manifest
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
-        if not isinstance(table, RadialTable | RepeatabilityTable):
+        if not isinstance(table, TargetTable):
             raise FileError(str(path), f"is a {manifest.test} table, without stands about a ball", "give a radial run")
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()

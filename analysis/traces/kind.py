@@ -54,6 +54,16 @@ class Kind(ABC, Generic[T]):
     certified: tuple[str, ...] = ()
     """What of the rig file may have a certificate, and decides its readings: gauges, ball, link."""
 
+    example: tuple[str, float, float] | None = None
+    """One of its figures, and bounds from which it is watched and fails, of the size of those in docs/rig-file.md:
+    examples, to be replaced."""
+    part = ""
+    """The part of `tests` in a rig file that says where and how it is driven."""
+    further: tuple[str, str] | None = None
+    """What a plan calls it as a further test in a rig file with that part, and why it adds something."""
+    along = "place"
+    """What its curve runs along, in a table of measured and simulated."""
+
     in_order_of_time = False
     """Whether its rows have times, which increase."""
     swept = False

@@ -155,7 +155,9 @@ class PathTable(Table):
         return np.empty((len(self.t_s), 0))
 
 
-GaugeTable = CircleTable | RadialTable | RepeatabilityTable
+TargetTable = RadialTable | RepeatabilityTable
+"""Tables of one gauge at targets of a hemisphere."""
+GaugeTable = CircleTable | TargetTable
 """Tables whose readings are those of gauges, each at its time."""
 PlaceTable = PoseTable | TouchTable
 """Tables whose readings are places, three coordinates a row, each of a posture."""
