@@ -198,15 +198,14 @@ def judged_by_poses(table: PoseTable, rig: Rig) -> Verdict:
 
 def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> Verdict:
     few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
-    as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
-    screened = sorted(
-        meanings(bare.axes), key=lambda meaning: left_mm(few, bare, meaning.of(few.q), _STEPS, with_turns=with_turns)
-    )
+
+    def misfit(of: PoseTable, meant: Array, steps: int) -> float:
+        return left_mm(bare, meant, of.xyz_mm, steps, of.rpy if with_turns else None)
+
+    as_labelled = misfit(many, many.q, 100)
+    screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(few.q), _STEPS))
     values = int(3 * _KEPT * len(table.q)) - 9
-    judged = [
-        _Judged(meaning, left_mm(many, bare, meaning.of(many.q), 100, with_turns=with_turns), values)
-        for meaning in screened[:_BEST]
-    ]
+    judged = [_Judged(meaning, misfit(many, meaning.of(many.q), 100), values) for meaning in screened[:_BEST]]
     return _decided(judged, as_labelled, RIGHT_MM)
 
 
@@ -229,18 +228,18 @@ def _some(table: PoseTable, rows: int) -> PoseTable:
     return PoseTable(table.q[chosen], table.xyz_mm[chosen], rpy)
 
 
-def left_mm(table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool) -> float:
-    """What the nearest poses leave, rms mm, with base and tool fitted to them, at joints q (n, axes) rad; with turns,
-    each counts as a length beside it."""
+def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
+    """What the nearest of places xyz_mm (n, 3) leave, rms mm, with base and tool fitted to them, at joints q (n, axes)
+    rad; each turn of rpy (n, 3) rad counts as a length beside it."""
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
     distance = np.zeros(len(q))
     for _ in range(_ROUNDS if steps > _STEPS else 1):
-        setup = fit_setup(T[kept], table.xyz_mm[kept], steps)
-        distance = np.linalg.norm(position_error(T, table.xyz_mm, setup), axis=1)
-        if with_turns and table.rpy is not None:
-            distance = np.hypot(distance, _ARM_MM * _turned(T, table.rpy, setup.T_world_base, kept))
+        setup = fit_setup(T[kept], xyz_mm[kept], steps)
+        distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
+        if rpy is not None:
+            distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
         kept = np.sort(np.argsort(distance)[:count])
     return float(np.sqrt(np.mean(distance[kept] ** 2)))
 
