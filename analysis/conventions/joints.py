@@ -21,7 +21,7 @@ import numpy as np
 from analysis.conventions.finding import Finding, Misfit
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
-from analysis.traces.tables import PoseTable, Table
+from analysis.traces.tables import Table
 from rigs.rig import Rig
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
@@ -189,24 +189,25 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
 
 
-def judged_by_poses(table: PoseTable, rig: Rig) -> Verdict:
-    """Which meaning of the joints brings an arm to the places, and with the turns, that were seen."""
-    bare = without_setup(arm_of(rig.robot))
-    verdict = _of_misfits(table, bare, with_turns=False)
-    return verdict if verdict[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
+def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
+    """Which meaning of joints q (n, axes) rad brings an arm to places xyz_mm (n, 3), and with the turns rpy (n, 3) rad,
+    that were seen."""
+    bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
+    few, many = (
+        measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)
+    )
 
+    def verdict(turns: Array | None) -> Verdict:
+        def misfit(rows: Integers, joints: Array, steps: int) -> float:
+            return left_mm(bare, joints, xyz_mm[rows], steps, None if turns is None else turns[rows])
 
-def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> Verdict:
-    few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
+        screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(q[few]), _STEPS))
+        values = int(3 * _KEPT * len(q)) - 9
+        judged = [_Judged(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]]
+        return _decided(judged, misfit(many, q[many], 100), RIGHT_MM)
 
-    def misfit(of: PoseTable, meant: Array, steps: int) -> float:
-        return left_mm(bare, meant, of.xyz_mm, steps, of.rpy if with_turns else None)
-
-    as_labelled = misfit(many, many.q, 100)
-    screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(few.q), _STEPS))
-    values = int(3 * _KEPT * len(table.q)) - 9
-    judged = [_Judged(meaning, misfit(many, meaning.of(many.q), 100), values) for meaning in screened[:_BEST]]
-    return _decided(judged, as_labelled, RIGHT_MM)
+    by_places = verdict(None)
+    return by_places if by_places[0] or rpy is None else verdict(rpy)
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
@@ -218,14 +219,6 @@ def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> 
         as_labelled,
         [judged_meaning for judged_meaning in others if judged_meaning.left_mm < _AS_WELL * first.left_mm],
     )
-
-
-def _some(table: PoseTable, rows: int) -> PoseTable:
-    """The table without lost places, and of many poses so many, evenly."""
-    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
-    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))]
-    rpy = None if table.rpy is None else table.rpy[chosen]
-    return PoseTable(table.q[chosen], table.xyz_mm[chosen], rpy)
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:

@@ -19,7 +19,7 @@ import pyarrow as pa
 from analysis.conventions.joints import Meaning, left_mm, meanings
 from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
-from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
+from analysis.files.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.traces.kind import kind_named
 from analysis.traces.table_layout import COUNTS, PLACE, TURN, WORDS, joint_columns
@@ -119,7 +119,7 @@ def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
     """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
-    named = _poses(raw, table_map, axes) if test == "pose" else _named(raw, table_map, test, direction)
+    named = _poses(raw, table_map, axes) if test == MAPPED else _named(raw, table_map, test, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:

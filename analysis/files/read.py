@@ -29,6 +29,7 @@ from analysis.files.bags import is_bag
 from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
+from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
 from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
@@ -78,7 +79,7 @@ def check_header(
         what = f"has {' and '.join(stated)} only; give all of {', '.join(layout.together)}, or none"
         problems.append(TableProblem(1, "", what))
     if problems:
-        mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
+        mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
 
 

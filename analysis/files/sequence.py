@@ -49,10 +49,10 @@ def check_sequence(
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _further_joints(columns: Columns, known: Sequence[str], axes: int) -> Iterator[TableProblem]:
+def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int) -> Iterator[TableProblem]:
     """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
     name = joint_columns(axes + 1)[-1]
-    if name in columns and (SOCKET in known or axes < DRIVEN_AXES):
+    if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
         what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
         yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
 

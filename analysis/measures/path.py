@@ -248,7 +248,7 @@ class Paths(Kind[PathTable]):
         return table.xyz_mm
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PathTable:
-        return simulated_path(rig, run.seed, run.effects)
+        return PathTable(*simulated_path(rig, run.seed, run.effects))
 
     def evaluate(self, table: PathTable, rig: Rig, where: str, instruments: Instruments) -> PathResult:
         declared = iso9283_of(rig)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.conventions.finding import Finding
-from analysis.conventions.joints import FEWEST, Verdict, judged_by_poses
+from analysis.conventions.joints import FEWEST, Verdict, judged_by_places
 from analysis.conventions.lost_poses import (
     DUPLICATES,
     WILDNESS,
@@ -421,7 +421,7 @@ class Pose(PlaceKind[PoseTable]):
         return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
 
     def judged_joints(self, table: PoseTable, rig: Rig) -> Verdict:
-        return judged_by_poses(table, rig)
+        return judged_by_places(rig, table.q, table.xyz_mm, table.rpy)
 
     def off_path(self, table: PoseTable, rig: Rig, T_tool: Array) -> Off | None:
         return off_places(T_tool, table.xyz_mm)
@@ -434,7 +434,7 @@ class Pose(PlaceKind[PoseTable]):
         )
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
-        return simulated_cube(rig, run.seed, run.effects)
+        return PoseTable(*simulated_cube(rig, run.seed, run.effects), None)
 
     def far(self, table: PoseTable, arm: Arm) -> Far:
         return far_poses(table, without_setup(arm))

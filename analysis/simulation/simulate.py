@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import planted_setup
 from analysis.measures.simulated_gauges import Noise, Simulation
-from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.traces.kind import kind_named
-from analysis.traces.tables import CircleTable, RadialTable, Table
+from analysis.traces.tables import Table
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def simulate(
@@ -31,14 +26,3 @@ def simulate(
     cannot do the test.
     """
     return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
-
-
-def readings_along(rig: Rig, test: TestName, t_s: Array, q: Array) -> Array:
-    """Noise-free readings (n, k) mm at every moment t_s (n,) of a motion q (n, 6), for the emulated cell."""
-    model = model_of(rig)
-    if test in CIRCLES:
-        circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
-        return predict(model, circle, path_of(model, circle), planted_setup(rig))
-    nothing, none = np.zeros(len(q)), np.zeros(len(q), dtype=np.int64)
-    targets = RadialTable(none, nothing, nothing, none, t_s, q, nothing)
-    return predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))

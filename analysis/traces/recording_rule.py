@@ -18,7 +18,7 @@ from daq.store.ledger import first_error
 from rigs.errors import FileError
 from rigs.schema.declared_tests import Rule
 from rigs.schema.feedback import SIGNAL
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283
 
 _STILL_DEG = 0.02
 _STOOD_S = 0.3
@@ -33,8 +33,10 @@ def rule_of(run: Run) -> Rule:
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
-    if manifest.test == "pose":
-        raise FileError(where, "is a pose test, which rigd cannot record", "give a recorded run of another test")
+    if manifest.test in OF_ISO9283:
+        raise FileError(
+            where, f"is a {manifest.test} test, which rigd cannot record", "give a recorded run of another test"
+        )
     robot = run.streams["robot"]
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
