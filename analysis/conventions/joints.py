@@ -21,6 +21,7 @@ import numpy as np
 from analysis.conventions.finding import Finding, Misfit
 from analysis.geometry.pose_setup import fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
+from analysis.noise.readings import rms
 from analysis.traces.tables import Table
 from rigs.rig import Rig
 
@@ -234,7 +235,7 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
         if rpy is not None:
             distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
         kept = np.sort(np.argsort(distance)[:count])
-    return float(np.sqrt(np.mean(distance[kept] ** 2)))
+    return rms(distance[kept])
 
 
 def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:

@@ -21,6 +21,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
+from analysis.noise.readings import rms
 from analysis.traces.loading import Measured
 from rigs.rig import Rig
 
@@ -198,7 +199,7 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
         rows=rows,
         residuals_mm=residuals_mm,
         correlation=correlation,
-        rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),
+        rms_um=1000 * rms(residuals_mm),
     )
 
 

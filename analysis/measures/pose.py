@@ -53,7 +53,7 @@ from analysis.measures.scatter_figures import of_scatter
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind
-from analysis.noise.cell import TARGET_MM, LogUniform
+from analysis.noise.cell import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.csv_tables import Rows, joint_cells
@@ -70,8 +70,6 @@ if TYPE_CHECKING:
 
 SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
-TRACKER_U_MM = 0.02
-"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 _FEWEST = 6
 _FEW_POSES = 20
 """Poses of which a fit of frame and tool, nine numbers, takes a good part of the error. Chosen."""

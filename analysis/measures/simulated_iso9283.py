@@ -25,12 +25,11 @@ from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
 from analysis.measures.simulated_touches import STOPS_MM
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved, stops
+from analysis.noise.cell import TRACKER_MM
 from rigs.effects import Effect
 from rigs.errors import RigPlace
 from rigs.rig import Rig
 
-TRACKER_MM = 0.01
-"""Noise of a coordinate that a laser tracker measures at some metres, standard deviation."""
 _FAR_MM = 3000.0
 """How far the tracker stands from the base."""
 _RATE_HZ = 100.0

@@ -33,6 +33,7 @@ from analysis.measures.simulated_touches import simulated_touches
 from analysis.measures.stops import PlaceKind
 from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
 from analysis.noise.cell import SEAT_MM, TARGET_MM
+from analysis.noise.readings import rms
 from analysis.noise.spectrum import DRAWS
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
@@ -99,7 +100,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     counted = socket.ravel(), len(names)
     figures = figures_of(_plain(left, *counted), _plain(drawn, *counted), len(left), noise="assumed")
     sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
-    errs_mm = float(np.sqrt((left**2).mean()))
+    errs_mm = rms(left)
     spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
     distances = _distances(model, names.tolist(), terms, spread, len(left))
     if len(names) == 2:

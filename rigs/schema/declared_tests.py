@@ -187,6 +187,10 @@ class Tests(Part):
 
 NEAR_DEG = 0.5
 """A robot whose joints are all so near to a posture stands there; programs come back to within 0.02°."""
+STILL_DEG = 0.02
+"""Encoders at rest flicker by less; the slowest circle moves some joint by more in a second."""
+STOOD_S = 0.3
+"""A robot that only passes its start posture does not stand there so long."""
 _LEAST_MOVE_DEG = 4 * NEAR_DEG
 
 
