@@ -153,7 +153,7 @@ def evaluate(
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
-        figures |= _rotation_figures(rotation, np.radians(of_turn))
+        figures |= figures_of(_angles(rotation), _angles(rotation + np.radians(of_turn)), len(rotation))
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
@@ -255,10 +255,6 @@ def _position_figures(position: Array, setup: PoseSetUp, noise_mm: Array) -> dic
     noise = noise_mm.reshape(len(noise_mm), -1)
     drawn = position + (noise - noise @ basis @ basis.T).reshape(noise_mm.shape)
     return figures_of(_lengths(position), _lengths(drawn), len(position))
-
-
-def _rotation_figures(rotation: Array, noise: Array) -> dict[str, Quantity]:
-    return figures_of(_angles(rotation), _angles(rotation + noise), len(rotation))
 
 
 def _lengths(vectors: Array) -> dict[str, Array]:

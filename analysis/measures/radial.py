@@ -39,7 +39,8 @@ from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import radial_table
+from analysis.traces.dwells import at_targets, visits_of
+from analysis.traces.stands import stands_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RadialTable
 from rigs.errors import FileError
@@ -352,8 +353,18 @@ class Radial(TargetKind[RadialTable]):
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RadialTable, list[str]]:
         """The stands at targets, with what the link is longer than the radius by its certificate."""
-        table, doubts = radial_table(data, rig, where)
-        return replace(table, g_mm=table.g_mm + link_excess_mm(rig)), doubts
+        stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
+        at = at_targets(stands, program, rig)
+        wanted = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
+        once = len(wanted) // hemisphere_of(rig).visits
+        visits = visits_of(at, [wanted[row] for _, row in at], wanted, once, program, where)
+        elsewhere, rows = len(stands) - len(at), visits.rows
+        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
+        table = RadialTable(
+            program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
+            visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),
+        )  # fmt: skip
+        return table, doubts + visits.doubts
 
     def driven(self, rig: Rig) -> RadialTable:
         at, none = radial_program(rig), np.empty(0)

@@ -32,13 +32,13 @@ def rule_of(run: Run) -> Rule:
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
     if manifest.test in OF_ISO9283:
-        raise FileError(
-            where, f"is a {manifest.test} test, which rigd cannot record", "give a recorded run of another test"
-        )
+        what = f"is a {manifest.test} test, which rigd cannot record"
+        raise FileError(where, what, "give a recorded run of another test")
     robot = run.streams["robot"]
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
-    t_s, q_deg = _thinned(t_s, q_deg)
+    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
+    t_s, q_deg = t_s[kept], q_deg[kept]
     when = _signal(robot) or _departure(t_s, q_deg, where)
     direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
     still_s = _patience_s(t_s, q_deg, when)
@@ -78,12 +78,6 @@ def _patience_s(t_s: Array, q_deg: Array, when: dict[str, Any]) -> float:
             longest_s = max(longest_s, t_s[after - 1] - t_s[begin])
         begin = after
     return max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
-
-
-def _thinned(t_s: Array, q_deg: Array) -> tuple[Array, Array]:
-    """A row each 0.05 s at most: enough to see a stand."""
-    kept = np.unique(t_s // _STEP_S, return_index=True)[1]
-    return t_s[kept], q_deg[kept]
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
