@@ -57,8 +57,8 @@ def visits_of(
     rows = np.array([at[k][1] for k in fits], dtype=np.int64)
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if missing:
-        more = " …" if len(missing) > 8 else ""
-        doubts.append(f"the run has no stand at target {', '.join(map(str, missing[:8]))}{more}")
+        ending = " …" if len(missing) > 8 else ""
+        doubts.append(f"the run has no stand at target {', '.join(map(str, missing[:8]))}{ending}")
     if outliers := sum(stand.outliers for stand in stands):
         doubts.append(f"{outliers} readings lie far from the others of their stand and are not used")
     t_s, q, g_mm = zip(*((stand.t_s, stand.q, stand.g_mm[0]) for stand in stands), strict=True)
