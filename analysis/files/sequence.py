@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +12,7 @@ from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named
-from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
+from analysis.traces.table_layout import JOINTS, SOCKET, TIME_U, joint_columns
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction, TestName
 
@@ -39,8 +39,8 @@ def check_sequence(
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in columns_of_test and rig.tests.hemisphere:
         yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
-    yield from _further_joints(columns, test, len(rig.robot.axes))
-    if "socket" in columns_of_test:
+    yield from _further_joints(columns, columns_of_test, len(rig.robot.axes))
+    if SOCKET in columns_of_test:
         yield from _sockets(columns["socket"], lines, rig)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
@@ -49,10 +49,10 @@ def check_sequence(
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _further_joints(columns: Columns, test: TestName, axes: int) -> Iterator[TableProblem]:
+def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int) -> Iterator[TableProblem]:
     """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
     name = joint_columns(axes + 1)[-1]
-    if name in columns and (test == "touch" or axes < DRIVEN_AXES):
+    if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
         what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
         yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
 

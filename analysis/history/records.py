@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from analysis.history.joint_play import joint_plays
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import result_of
 from analysis.traces.condition import Condition
+from analysis.traces.kind import kind_named
 from analysis.traces.loading import load_measured
 from daq.store import Manifest, RunInfo
 from daq.store.ledger import LEDGER
@@ -24,7 +26,7 @@ from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import DrivenTest, TestName
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:
@@ -38,7 +40,6 @@ def joint_warmth(condition: Condition) -> dict[str, Quantity]:
     return means | rises
 
 
-_PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
 _MOST_BYTES = 1_000_000_000
 """The largest ledger, as the store has it."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
@@ -142,9 +143,9 @@ def _plain_record(
     )
 
 
-def _program(rig: Rig, test: str) -> str:
+def _program(rig: Rig, test: TestName) -> str:
     """A digest of what the robot drives; figures of different programs are not comparable."""
-    part = getattr(rig.tests, _PLACES[test]) if test in _PLACES else None
+    part = getattr(rig.tests, kind_named(test).part) if test in get_args(DrivenTest) else None
     driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
     return hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
 

@@ -97,6 +97,9 @@ def _save(comparison: Comparison, file: BinaryIO) -> None:
     _figure(comparison).savefig(file, format="png", dpi=150)
 
 
+_ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
+
+
 def _figure(comparison: Comparison) -> Figure:
     figure = Sheet(9, 5.4)
     figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
@@ -112,9 +115,7 @@ def _figure(comparison: Comparison) -> Figure:
     above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
     below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
     below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel(
-        "circle angle φ / °" if circle else "target" if comparison.result.test == "radial" else "target and side"
-    )
+    below.set_xlabel(_ALONG[comparison.result.measured.table.kind.along])
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)
