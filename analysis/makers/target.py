@@ -265,12 +265,11 @@ def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
         elif match[0] != ",":
             depth += 1 if match[0] in "([{" else -1
     places.append((start, end))
-    return [_stripped(text, *place) for place in places]
-
-
-def _stripped(text: str, begin: int, end: int) -> tuple[int, int]:
-    inside = text[begin:end]
-    return begin + len(inside) - len(inside.lstrip()), end - len(inside) + len(inside.rstrip())
+    stripped = []
+    for first, stop in places:
+        inside = text[first:stop]
+        stripped.append((first + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
+    return stripped
 
 
 @dataclass(frozen=True)

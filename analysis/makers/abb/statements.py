@@ -227,7 +227,15 @@ def read_module(reader: Reader, file: int) -> None:
     reader.file = file
     for begin, end, head in _statements(reader.texts[file]):
         if head is not None and head["routine"]:
-            _begin(reader, begin, head)
+            _close(reader)
+            reader.routine = f"{reader.file}:{head['name'].lower()}"
+            if head["routine"].upper().endswith("TRAP"):
+                reader.beside.append(
+                    Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run"))
+                )
+            elif reader.routine in reader.routines:  # which one is called is not certain
+                reader.routine = f"{reader.routine} {len(reader.routines)}"
+            reader.blocks = Blocks()
         elif reader.blocks is None:
             continue
         elif head is not None and head["label"]:
@@ -262,16 +270,6 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
             end = max(end, stop)
         yield at, end, head
         at = end
-
-
-def _begin(reader: Reader, begin: int, head: re.Match[str]) -> None:
-    _close(reader)
-    reader.routine = f"{reader.file}:{head['name'].lower()}"
-    if head["routine"].upper().endswith("TRAP"):
-        reader.beside.append(Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run")))
-    elif reader.routine in reader.routines:  # which one is called is not certain
-        reader.routine = f"{reader.routine} {len(reader.routines)}"
-    reader.blocks = Blocks()
 
 
 def _close(reader: Reader) -> None:
