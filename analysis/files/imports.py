@@ -17,7 +17,7 @@ from analysis.files.pose_bag import stands_of_bag
 from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
-from analysis.files.table_map import TableMap, map_text
+from analysis.files.table_map import MAPPED, TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
 from analysis.traces.kind import kind_named
@@ -65,12 +65,12 @@ def is_plain(path: Path, test: TestName) -> bool:
     """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
     data = read_whole(path)
     if is_bag(data):
-        return test != "pose"
+        return test != MAPPED
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
     ours = names & set(kind_named(test).layout().required)
-    return len(ours) > 1 and (test != "pose" or bool(ours - set(PLACE)))
+    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:

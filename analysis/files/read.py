@@ -29,6 +29,7 @@ from analysis.files.bags import is_bag
 from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
+from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
 from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
@@ -43,7 +44,7 @@ from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes, read_from
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 from rigs.text import as_argument
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
@@ -78,7 +79,7 @@ def check_header(
         what = f"has {' and '.join(stated)} only; give all of {', '.join(layout.together)}, or none"
         problems.append(TableProblem(1, "", what))
     if problems:
-        mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
+        mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
 
 
@@ -109,7 +110,7 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
         return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
     if name == "direction":
         return "this column is missing; add it, or give --direction cw or acw"
-    if test in ("yaw", "roll") and name == "g2_mm":
+    if test in CIRCLES and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"
 

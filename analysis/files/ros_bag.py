@@ -26,7 +26,7 @@ from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
@@ -64,7 +64,7 @@ class _Track:
         self.values.append(values)
 
 
-def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> tuple[bytes, tuple[str, ...]]:
+def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0]) -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)

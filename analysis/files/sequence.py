@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +12,7 @@ from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named
-from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
+from analysis.traces.table_layout import JOINTS, SOCKET, TIME_U, joint_columns
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction, TestName
 
@@ -43,13 +43,13 @@ def check_sequence(
         for k in np.flatnonzero(target > count):
             what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
             yield TableProblem(int(lines[k]), "target", what)
-    yield from _further_joints(columns, test, len(rig.robot.axes))
-    if "socket" in columns_of_test:
+    yield from _further_joints(columns, columns_of_test, len(rig.robot.axes))
+    if SOCKET in columns_of_test:
         declared = rig.tests.touch.sockets if rig.tests.touch else ()
-        for line, socket in zip(lines.tolist(), columns["socket"].to_pylist(), strict=True):
+        for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
             if declared and socket not in declared:
                 what = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
-                yield TableProblem(int(line), "socket", what)
+                yield TableProblem(int(line), SOCKET, what)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
@@ -57,10 +57,10 @@ def check_sequence(
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _further_joints(columns: Columns, test: TestName, axes: int) -> Iterator[TableProblem]:
+def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int) -> Iterator[TableProblem]:
     """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
     name = joint_columns(axes + 1)[-1]
-    if name in columns and (test == "touch" or axes < DRIVEN_AXES):
+    if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
         what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
         yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
 

@@ -84,6 +84,9 @@ def _save_where(disagreement: Disagreement, file: BinaryIO) -> None:
     disagreement_picture(disagreement).savefig(file, format="png", dpi=130)
 
 
+_ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
+
+
 def _save(comparison: Comparison, file: BinaryIO) -> None:
     figure = Sheet(9, 5.4)
     figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
@@ -99,9 +102,7 @@ def _save(comparison: Comparison, file: BinaryIO) -> None:
     above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
     below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
     below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel(
-        "circle angle φ / °" if circle else "target" if comparison.result.test == "radial" else "target and side"
-    )
+    below.set_xlabel(_ALONG[comparison.result.measured.table.kind.along])
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)

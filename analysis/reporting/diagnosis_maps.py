@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Diagnosis, Map
 from analysis.kinematics.arm import Array
+from analysis.noise.readings import rms
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED
 
 _APART_DEG = 4.0
@@ -47,8 +48,7 @@ def draw_map(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
         dots = axes.scatter(
             x, y, c=values, cmap="coolwarm", vmin=-largest, vmax=largest, s=26, edgecolors="#555555", linewidths=0.3
         )
-        rms = float(np.sqrt(np.mean(values**2)))
-        axes.set_title(f"{target_map.test}, residual {when}: rms {rms:.1f} µm", fontsize=9)
+        axes.set_title(f"{target_map.test}, residual {when}: rms {rms(values):.1f} µm", fontsize=9)
     sheet.colorbar(dots, ax=list(panels), label="residual / µm", shrink=0.8)
     sheet.supxlabel(
         "seen along the axis: a ring each 30° of polar angle, azimuth 0° to the right", fontsize=7.5, color=GREY
@@ -70,8 +70,8 @@ def _draw_rows(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
     axes = figure.subplots()
     for values, ink, when in ((target_map.before_um, MEASURED, "before"), (target_map.after_um, LEFT, "after")):
         if when == "before" or effects:
-            rms = float(np.sqrt(np.mean(values**2)))
-            axes.plot(target_map.target, values, ".", ms=3, color=ink, label=f"{when}: rms {rms:.0f} µm")
+            label = f"{when}: rms {rms(values):.0f} µm"
+            axes.plot(target_map.target, values, ".", ms=3, color=ink, label=label)
     distance = "of the ball from its socket" if target_map.test == "touch" else "left, pose by pose"
     axes.set_title(f"{target_map.test}: distance {distance}", fontsize=9, loc="left", fontweight="bold")
     axes.set_xlabel("row of the table", fontsize=8)

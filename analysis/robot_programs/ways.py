@@ -19,6 +19,7 @@ from analysis.geometry.circle import circles_through
 from analysis.geometry.programs import JOINT_SPEED
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
+from analysis.kinematics.limits import SAME_RAD
 from analysis.robot_programs.plan import Arc, Hold, JointMove, Step, Target, Turn
 from rigs.errors import FileError
 
@@ -117,8 +118,8 @@ _SHARE_OF_SPEED = 0.5
 """No joint moves faster than half of what it can between targets, so that a controller need not slow the tool down."""
 _LEAST_SHARE = 0.05
 """Slower than a twentieth the arm is so near a singularity that a joint move is the better way."""
-_SAME_PLACE_MM, _SAME_RAD = 1e-6, 1e-6
-"""The rounding of places and orientations that are meant to be the same."""
+_SAME_PLACE_MM = 1e-6
+"""The rounding of places that are meant to be the same."""
 
 
 def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_mm: float) -> tuple[list[Step], Target]:
@@ -132,7 +133,7 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
     if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
         via = middle_of(begin.T, end.T, centre_mm, radius_mm)
         way = around(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
-    elif turn > _SAME_RAD:
+    elif turn > SAME_RAD:
         way = turned(begin.T, end.T, _TURN_RAD_S)
     else:
         return [], begin

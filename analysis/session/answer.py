@@ -14,6 +14,7 @@ import numpy as np
 from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
+from analysis.noise.readings import rms
 from analysis.session.processes import Child
 from analysis.session.state import Answer, Deed, PartOfError, PathError
 from analysis.traces.loading import Measured, load_measured
@@ -174,7 +175,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathErr
     # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
     return PathError(
-        um=round(float(1e3 * np.sqrt(np.mean(every**2))), 2),
+        um=round(1e3 * rms(every), 2),
         largest_um=round(float(1e3 * np.abs(every).max()), 2),
         u_um=round(noise_um / float(np.sqrt(len(measured))), 2),
         runs=len(measured),

@@ -87,29 +87,34 @@ _SLEEP_S = 0.1
 
 
 class StallWatch(clock.Thread):
-    """Sleeps until `stop`, and keeps a fault for each time it woke up late."""
+    """Sleeps until `stop`, and keeps a fault for each time it was asleep for longer than `longest_ns`."""
 
-    def __init__(self) -> None:
+    def __init__(self, longest_ns: int = STALL_NS) -> None:
         super().__init__(name="stalls", daemon=True)
+        self._longest_ns = longest_ns
         self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
+        self._awake_ns = clock.now_ns()
 
     def run(self) -> None:
         """Do the work until `stop`: the body of the thread."""
-        before_ns = clock.now_ns()
+        self._awake_ns = clock.now_ns()
         while not self._stop_asked.wait(_SLEEP_S):
-            now_ns = clock.now_ns()
-            self.note(before_ns, now_ns)
-            before_ns = now_ns
+            self._awake()
+
+    def _awake(self) -> None:
+        before_ns, self._awake_ns = self._awake_ns, clock.now_ns()
+        self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
         """Keep a fault if the thread was asleep for too long between these times."""
-        if now_ns - before_ns > STALL_NS:
+        if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
 
     def take(self) -> list[Fault]:
-        """Return the faults since the last call."""
+        """Return the faults since the last call, that of a sleep which has just ended among them."""
+        self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def stop(self) -> None:

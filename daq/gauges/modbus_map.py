@@ -134,9 +134,10 @@ def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
 
 
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
+    if gauge.clock_s is None and gauge.clock_us is None:
+        return math.nan
     parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-    times_s = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
-    clock_s = sum(times_s) if times_s else math.nan
+    clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts if part is not None)
     return clock_s if math.isfinite(clock_s) else math.nan
 
 

@@ -27,6 +27,9 @@ _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
 """Unit and factor in which a compared curve is drawn."""
 
 
+_ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
+
+
 def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> list[Chart]:
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
@@ -44,9 +47,7 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
             name = texts("simulated_with")
             lines.append(Line(name, "after", x, with_effects, points=before[0].unit == "mm"))
         straight = before[0].unit == "deg"
-        x_label = (
-            texts("circle_angle") if straight else texts("target" if group[0].test == "radial" else "target_and_side")
-        )
+        x_label = texts(_ALONG[group[0].measured.table.kind.along])
         chart_title, caption = texts("chart_simulated", what=title), texts("caption_simulated")
         y_label = f"{texts('error')} / {unit}"
         frame = "straight" if straight else "targets"

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.inference.compare import compare
-from analysis.measures.path import PathResult
-from analysis.measures.pose import PoseResult
-from analysis.measures.touch import TouchResult
 from analysis.reporting.extended_rig import calibration_file
 from analysis.reporting.page.before_after import BeforeAfter
 from rigs.errors import FileError
@@ -82,9 +79,7 @@ def gather(
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
     """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
-    runs = [
-        result.measured for result in results if not isinstance(result.found, PoseResult | TouchResult | PathResult)
-    ]
+    runs = [result.measured for result in results if result.measured.table.kind.gauges]
     try:
         return compare(runs, rig) if runs else None
     except RigError:
