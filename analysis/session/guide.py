@@ -370,15 +370,13 @@ class Guide:
             addition = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
         elif answer.condition == "undecided":
             addition = self._repeats(answer)
-        if addition is None or self._is_driven_anyway(addition[0]):
+        # A test at the place that judges is driven anyway: its runs join the last diagnosis.
+        judged_at = [stage.circle for stage in self.session.stages if stage.circle is not None]
+        if addition is None or addition[0].circle in judged_at:
             return None
         open_steps = [step for step in self.session.steps if step.is_open]
         need = minutes_of((addition[0],), (*addition[1], *open_steps), self._pace)
         return addition if self.session.driven_minutes + need <= self.session.minutes else None
-
-    def _is_driven_anyway(self, stage: Stage) -> bool:
-        """Whether a test is at the place that judges, whose runs join the last diagnosis."""
-        return stage.circle is not None and stage.circle in [earlier.circle for earlier in self.session.stages]
 
     def _repeats(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return the same once more in each direction, where that may decide."""

@@ -196,9 +196,5 @@ class Probing:
                 self._faults += 1
                 self._silences -= item.kind is FaultKind.SILENT
         hopeless = not self._has_read and (self._faults >= _MOST_FAULTS or self._silences <= 0)
-        return replace(step, send=self._allowed(step.send), hang_up=step.hang_up or hopeless)
-
-    def _allowed(self, send: bytes) -> bytes:
-        if self._sends == "all":
-            return send
-        return b"" if self._sends == "nothing" or send == self._opening else send
+        silent = self._sends == "nothing" or (self._sends != "all" and step.send == self._opening)
+        return replace(step, send=b"" if silent else step.send, hang_up=step.hang_up or hopeless)

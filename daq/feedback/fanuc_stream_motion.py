@@ -105,12 +105,6 @@ def _safety(robot: int, contact: int) -> SafetyState:
     return _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
 
 
-def _bytes_of_state(safety: float, motors: float) -> tuple[int, int, int]:
-    contact = next((code for code, state in _CONTACT.items() if state == safety), 0)
-    robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
-    return _SYSRDY if motors else 0, robot, contact
-
-
 def _nine(values: Sequence[float]) -> list[float]:
     """A number for each of the nine axes of a status."""
     return [*values, *[0.0] * (9 - len(values))]
@@ -193,7 +187,10 @@ class _StreamMotionController:
     def _status(self, instant_ns: int) -> bytes:
         stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
         shown = self._read(instant_ns)
-        state = _bytes_of_state(*shown[6:8])
+        safety, motors = shown[6:8]
+        contact = next((code for code, state in _CONTACT.items() if state == safety), 0)
+        robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
+        state = _SYSRDY if motors else 0, robot, contact
         numbers = [*[0.0] * 9, *_nine(shown[:6]), *_nine(shown[8:])]
         kind = status_type(self._version)
         head = (kind, self._version, self.sent % 2**32)
