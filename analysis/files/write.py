@@ -63,15 +63,12 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
         raise FileError(error.where, error.what, f"give another {option}") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), f"give another {option}") from None
-    if size and not _is_of_rig(path, begin, end):
-        problem = "exists already, and rig did not make it"
-        raise FileError(str(path), problem, f"give another {option}, or remove it first")
-
-
-def _is_of_rig(path: Path, begin: bytes, end: bytes) -> bool:
     suffix = {".htm": ".html"}.get(path.suffix.lower(), path.suffix.lower())
     first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
-    return begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
+    is_of_rig = begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
+    if size and not is_of_rig:
+        problem = "exists already, and rig did not make it"
+        raise FileError(str(path), problem, f"give another {option}, or remove it first")
 
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")

@@ -102,9 +102,14 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
 
 
 def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
+    # The fitted effects that the diagnosis does not stand by for another reason than their usual size
+    by_reason: dict[Doubt, list[str]] = {}
+    for named in diagnosis.effects:
+        if named.doubt is not None and named.doubt != "usual":
+            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
     doubted = [
-        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {names}", style="dim")
-        for why, names in _doubted(diagnosis).items()
+        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {', '.join(names)}", style="dim")
+        for why, names in by_reason.items()
     ]
     if not diagnosis.written:
         return list(doubted)
@@ -124,15 +129,6 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
             )
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
-
-
-def _doubted(diagnosis: Diagnosis) -> dict[Doubt, str]:
-    """The fitted effects that the diagnosis does not stand by for another reason than their usual size."""
-    by_reason: dict[Doubt, list[str]] = {}
-    for named in diagnosis.effects:
-        if named.doubt is not None and named.doubt != "usual":
-            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
-    return {why: ", ".join(names) for why, names in by_reason.items()}
 
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:

@@ -157,22 +157,22 @@ def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
     """Return the fields by which a controller shows a condition and currents, where both are known."""
-    fields = _condition_fields(shown) if PROGRAM in shown else {}
-    (name,) = CURRENT_TYPES
-    return fields | ({name: tuple(shown[current] for current in CURRENTS)} if CURRENTS[0] in shown else {})
-
-
-def _condition_fields(condition: Mapping[str, float]) -> dict[str, Numbers]:
-    safety = _SHOWN_SAFETY[SafetyState(int(condition[SAFETY]))]
-    return {
-        "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(condition[PROGRAM]))],),
-        _SAFETY_FIELD: (safety,),
-        OLDER[_SAFETY_FIELD]: (safety,),
-        "speed_scaling": (1.0,),
-        "target_speed_fraction": (condition[SPEED] / 100,),
-        "payload": (condition[PAYLOAD],),
-        "joint_temperatures": tuple(condition[name] for name in TEMPERATURES),
-    }
+    fields: dict[str, Numbers] = {}
+    if PROGRAM in shown:
+        safety = _SHOWN_SAFETY[SafetyState(int(shown[SAFETY]))]
+        fields = {
+            "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(shown[PROGRAM]))],),
+            _SAFETY_FIELD: (safety,),
+            OLDER[_SAFETY_FIELD]: (safety,),
+            "speed_scaling": (1.0,),
+            "target_speed_fraction": (shown[SPEED] / 100,),
+            "payload": (shown[PAYLOAD],),
+            "joint_temperatures": tuple(shown[name] for name in TEMPERATURES),
+        }
+    if CURRENTS[0] in shown:
+        (currents,) = CURRENT_TYPES
+        fields[currents] = tuple(shown[current] for current in CURRENTS)
+    return fields
 
 
 _MOST_UNKNOWN = 3

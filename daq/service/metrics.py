@@ -43,7 +43,12 @@ def _all(status: Status) -> Iterator[Metric]:
     for key, (name, words) in _CLOCKS.items():
         values = (({"stream": s}, clock[key]) for s, clock in status["clocks"].items() if clock[key] is not None)
         yield Metric(name, "gauge", words, tuple(values))
-    yield from _recording(status)
+    yield _one("rig_recording", "1 while a run is recorded.", float(status["recording"] is not None))
+    if status["recording"] is not None:
+        about = {"name": status["recording"], "test": status["test"], "direction": status["direction"] or ""}
+        run = {**about, "run": status["run"]}
+        yield Metric("rig_recording_info", "gauge", "The run that is recorded.", ((run, 1.0),))
+        yield _one("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
     yield from _automatic(status["automatic"])
     disk = status["disk"]
     yield _one("rig_disk_free_bytes", "Room on the disk of the runs for this user.", disk and disk["free_bytes"])
@@ -81,15 +86,6 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         for column, age_s in stream["age_s"].items()
     )
     yield Metric("rig_reading_age_seconds", "gauge", "Since the last good value; none where none came yet.", ages)
-
-
-def _recording(status: Status) -> Iterator[Metric]:
-    yield _one("rig_recording", "1 while a run is recorded.", float(status["recording"] is not None))
-    if status["recording"] is None:
-        return
-    about = {"name": status["recording"], "test": status["test"], "direction": status["direction"] or ""}
-    yield Metric("rig_recording_info", "gauge", "The run that is recorded.", (({**about, "run": status["run"]}, 1.0),))
-    yield _one("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
 
 
 def _automatic(automatic: Status | None) -> Iterator[Metric]:

@@ -37,10 +37,14 @@ def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
         twins = texts("and").join(words.noun(twin) for twin in named.twins)
         others = [texts("rivals", others=rivals)] if rivals else []
         others += [texts("twins", others=twins)] if twins else []
+        part = part_of(diagnosis, named)  # what it makes of the error, where that is known
+        made = ""
+        if part is not None and math.isfinite(part.um):
+            made = texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
         finding = Finding(
             what=_said(words, named.effect, named),
             where=_where(diagnosis, named, texts),
-            share=_share(diagnosis, named, texts),
+            share=made,
             others=tuple(others),
             sure=texts("sure", share=sure(named.posterior)),
         )
@@ -73,14 +77,6 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
             middles.append(middle)
     listed = texts("and").join(f"{middle:.0f}°" for middle in sorted(middles))
     return texts("where", places=listed)
-
-
-def _share(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
-    """What a fault makes of the error; empty where that is not known."""
-    part = part_of(diagnosis, named)
-    if part is None or not math.isfinite(part.um):
-        return ""
-    return texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
 
 
 def diagnosis_words(diagnosis: Diagnosis) -> str:
