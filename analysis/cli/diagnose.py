@@ -157,8 +157,8 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
     if is_page(output):
         with progress_of() as progress:
             results = evaluate_runs(measured)
-            here = with_commands_here(diagnosis, output)
-            report = gather(results, diagnosis.rig, diagnosis=here, left_out=errors, progress=progress)
+            diagnosed = with_commands_here(diagnosis, output)
+            report = gather(results, diagnosis.rig, diagnosis=diagnosed, left_out=errors, progress=progress)
             written = [write_page(report, output)]
     else:
         written = write(diagnosis, text, output)

@@ -13,12 +13,12 @@ from analysis.cli import completion
 from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, maker_named
 
 
-def location(given: str | Path) -> Path:
+def location(text: str | Path) -> Path:
     """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
     taken."""
     from analysis.batch import remote_path
 
-    return remote_path.location(str(given))
+    return remote_path.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:
@@ -49,13 +49,13 @@ RobotRunsBelow = Annotated[
 ]
 
 
-def _processes(given: str | int) -> int:
+def _processes(text: str | int) -> int:
     """A number of processes, 0 for one on each core. Raises typer.BadParameter."""
-    if given == "auto":
+    if text == "auto":
         return 0
-    if str(given).isdecimal():
-        return int(given)
-    raise typer.BadParameter(f"{given!r} is not a number of processes; give 1 or more, or auto")
+    if str(text).isdecimal():
+        return int(text)
+    raise typer.BadParameter(f"{text!r} is not a number of processes; give 1 or more, or auto")
 
 
 _ON_EACH = "0 or auto: one on each core."
@@ -71,11 +71,11 @@ Scheduler = Annotated[
 ]
 
 
-def _direction(given: str) -> Direction:
+def _direction(text: str) -> Direction:
     """A direction as people write it. Raises typer.BadParameter."""
-    direction = direction_of(given)
+    direction = direction_of(text)
     if direction is None:
-        raise typer.BadParameter(f"{given!r} is no direction; give acw (ccw) or cw")
+        raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
     return direction
 
 
@@ -90,11 +90,11 @@ def direction_option(meaning: str) -> Any:
     )
 
 
-def _maker(given: str) -> MakerName:
+def _maker(text: str) -> MakerName:
     """A maker as people write it. Raises typer.BadParameter."""
-    maker = maker_named(given)
+    maker = maker_named(text)
     if maker is None:
-        raise typer.BadParameter(f"{given!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
+        raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
     return maker
 
 

@@ -63,7 +63,7 @@ class Shown:
     @property
     def standing(self) -> Standing | None:
         """The worst standing of its figures, None without limits."""
-        standings = {one.standing for one in self.figures}
+        standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 
 
