@@ -167,7 +167,8 @@ class AnswerWords:
         sure, open_ones = self._by_certainty()
         if sure:
             which = "says_fault" if len(sure) == 1 else "says_faults"
-            return [self.texts(which, faults=self._listed([*map(self._fault, sure)]), count=len(sure))]
+            faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in sure]
+            return [self.texts(which, faults=self._listed(faults), count=len(sure))]
         if open_ones:
             return [self.texts("says_ambiguous", faults=self._listed([*map(self._alternatives, open_ones)]))]
         return []
@@ -208,9 +209,6 @@ class AnswerWords:
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
-
-    def _fault(self, named: Named) -> str:
-        return ", ".join([self.noun(named.effect), size(named), *self._share(named)])
 
     def _alternatives(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""

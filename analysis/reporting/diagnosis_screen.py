@@ -60,7 +60,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
         ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
-        ("Still unexplained", _left(diagnosis)),
+        ("Still unexplained", _unexplained(diagnosis)),
         ("What these tests cannot distinguish", _cannot(diagnosis)),
         ("Where model and readings disagree", places_table(diagnosis.where)),
         ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
@@ -152,7 +152,7 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else ""
 
 
-def _left(diagnosis: Diagnosis) -> list[RenderableType]:
+def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
     if diagnosis.condition == "not_testable_here":
         return []
     remainder = diagnosis.remainder

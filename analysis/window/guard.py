@@ -92,7 +92,7 @@ class Gate:
 
     def is_token(self, token: str) -> bool:
         """Whether this is the token, in the same time whatever is given."""
-        return self.token is not None and _same(token, self.token)
+        return self.token is not None and _are_equal(token, self.token)
 
     def is_let_in(self, headers: Mapping[str, str]) -> bool:
         """Whether a request shows the token or the pass."""
@@ -105,11 +105,11 @@ class Gate:
             cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
             return False
-        return cookie is not None and _same(cookie.value, self.pass_)
+        return cookie is not None and _are_equal(cookie.value, self.pass_)
 
     def is_own_form(self, form: Mapping[str, str]) -> bool:
         """Whether a form was made by this process."""
-        return _same(form.get("secret", ""), self.secret)
+        return _are_equal(form.get("secret", ""), self.secret)
 
     def wrong(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the reason for which a request is refused, 0 and nothing where it is not."""
@@ -181,5 +181,5 @@ def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
         return 400, "The request is not understood."
 
 
-def _same(text: str, secret: str) -> bool:
+def _are_equal(text: str, secret: str) -> bool:
     return hmac.compare_digest(text.encode("utf-8", "surrogateescape"), secret.encode())
