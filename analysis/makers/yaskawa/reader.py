@@ -50,7 +50,7 @@ from analysis.makers.target import (
     with_newlines,
     words,
 )
-from analysis.robot_programs.posture import posture_of
+from analysis.robot_programs.posture import agreeing
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
 """The job format's own resolution."""
@@ -205,16 +205,8 @@ def _frame(kind: str, user: str) -> str:
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
     program`, and whether R, T and S stand beyond half a turn."""
-
-    def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        sides = [{int(not -np.pi < turned_q[axis] <= np.pi) for turned_q in around} for axis in (3, 5, 0)]
-        return (not stands.flip, not stands.up, not stands.front) == values[:3] and all(
-            n in sides_of_axis for n, sides_of_axis in zip(values[3:], sides, strict=True)
-        )
-
-    return np.array([agrees(angles) for angles in q])
+    sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
+    return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _reason(name: str, count: int) -> Reason | None:
