@@ -13,7 +13,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
+from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, RunsElsewhere, Scheduler, location
 from rigs.errors import RigError, UseError
 from rigs.text import as_argument
 
@@ -34,14 +34,7 @@ def diagnose(
             help="Run directory or URL to judge by, not used to find effects; repeatable; default: none.",
         ),
     ] = None,
-    unseen: Annotated[
-        list[Path] | None,
-        typer.Option(
-            parser=location,
-            autocompletion=completion.runs,
-            help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
-        ),
-    ] = None,
+    unseen: RunsElsewhere = None,
     tolerance_um: Annotated[
         float | None,
         typer.Option(

@@ -47,6 +47,14 @@ RobotRunsBelow = Annotated[
         help=f"Run directories or URLs of one robot; {_STANDS_FOR}",
     ),
 ]
+RunsElsewhere = Annotated[
+    list[Path] | None,
+    typer.Option(
+        parser=location,
+        autocompletion=completion.runs,
+        help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
+    ),
+]
 
 
 def _processes(text: str | int) -> int:

@@ -114,6 +114,10 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
         if tcp_address(port) or any(key not in STAND_IN for key in needed):
             continue
         fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
+        channels: Sequence[int] = (1,)
+        if model.shares:
+            most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
+            channels = range(1, min(most, _MOST_CHANNELS) + 1)
         for choice in _choices(model):
             default = model.model_fields["line"].default
             made = {
@@ -122,7 +126,7 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
                 "interface": name_of(model),
                 "line": (default if isinstance(default, Line) else USUAL_LINES[0]),
             }
-            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in _channels(model))
+            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in channels)
 
 
 def _streams(members: tuple[Gauge, ...]) -> bool:
@@ -145,13 +149,6 @@ def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
     several = [key for key in settings if get_origin(model.model_fields[key].annotation) is Literal]
     values = [get_args(model.model_fields[key].annotation) for key in several]
     return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]
-
-
-def _channels(model: type[Probe]) -> Sequence[int]:
-    if not model.shares:
-        return (1,)
-    most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
-    return range(1, min(most, _MOST_CHANNELS) + 1)
 
 
 _MOST_FAULTS = 3

@@ -213,13 +213,6 @@ def _signal(place: RTDESignal, raw: int) -> float:
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
 
 
-def _raw(place: RTDESignal, signal: float) -> int:
-    """The field's value for a number; the outputs not named are off."""
-    if place.int_register is not None:
-        return int(signal)
-    return sum((int(signal) >> bit & 1) << output for bit, output in enumerate(place.outputs))
-
-
 class _RTDEClient:
     """The handshake, then the data."""
 
@@ -420,7 +413,10 @@ class _RTDEController:
         shown = self._read(instant_ns)
         fields: dict[str, Numbers] = {"timestamp": (clock_s,), "actual_q": tuple(map(math.radians, shown[:6]))}
         if self._place:
-            fields[_signal_field(self._place)] = (_raw(self._place, shown[6]),)
+            raw = signal = int(shown[6])
+            if self._place.int_register is None:  # outputs that are not named are off
+                raw = sum((signal >> bit & 1) << output for bit, output in enumerate(self._place.outputs))
+            fields[_signal_field(self._place)] = (raw,)
         if self._condition:
             fields |= fields_of(dict(zip(self._condition, shown[-len(self._condition) :], strict=True)))
         return self._recipe.written(1, fields)

@@ -124,7 +124,11 @@ class HeldShape:
             doubt = f"readings before had {_in_words(usual)}, all since have {_in_words(shape)}; they may be damaged"
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
         if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
-            return False, Doubt(FaultKind.UNIT_CHANGED, _changed(shape, usual))
+            change = (
+                f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}: somebody pressed in/mm"
+            )
+            remedy = "or changed its resolution; switch it back; if it is meant, correct `units` and start rigd again"
+            return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}, {remedy}")
         alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
         if self._others >= AGREED and shape.decimals == usual.decimals:
             return self._believed(written)  # it was set otherwise
@@ -219,12 +223,6 @@ def hand_on(earlier: object, later: object) -> None:
 def _in_words(shape: Shape) -> str:
     numbers = f", {shape.fields} to a message" if shape.fields > 1 else ""
     return f"{shape.width} characters with {shape.decimals} decimals{numbers}"
-
-
-def _changed(shape: Shape, usual: Shape) -> str:
-    change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
-    then = "switch it back; if it is meant, correct `units` and start rigd again"
-    return f"{change}: somebody pressed in/mm, or changed its resolution; {then}"
 
 
 def _number(text: bytes) -> float:
