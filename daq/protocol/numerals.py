@@ -124,11 +124,10 @@ class HeldShape:
             doubt = f"readings before had {_in_words(usual)}, all since have {_in_words(shape)}; they may be damaged"
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
         if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
-            change = (
-                f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}: somebody pressed in/mm"
-            )
-            remedy = "or changed its resolution; switch it back; if it is meant, correct `units` and start rigd again"
-            return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}, {remedy}")
+            change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
+            reason = "somebody pressed in/mm, or changed its resolution"
+            remedy = "switch it back; if it is meant, correct `units` and start rigd again"
+            return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}: {reason}; {remedy}")
         alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
         if self._others >= AGREED and shape.decimals == usual.decimals:
             return self._believed(written)  # it was set otherwise

@@ -84,7 +84,12 @@ def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             percent = percent_of_axes(arm, speed_rad_s)
-            return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {_axes(target.q, points)}"]
+            angles = [
+                f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(target.q), start=1)
+            ]
+            none = [f"E{axis} 0.0" for axis in range(1, 7)]
+            point = _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
+            return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {point}"]
         case Line(target, speed_mm_s, stops):
             return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
         case Turn(target, _, speed_rad_s):
@@ -97,12 +102,6 @@ def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
 
 def _speed(speed_mm_s: float) -> str:
     return f"$VEL.CP = {fixed(speed_mm_s / 1e3, 6)}"
-
-
-def _axes(q: Array, points: dict[str, str]) -> str:
-    angles = [f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(q), start=1)]
-    none = [f"E{axis} 0.0" for axis in range(1, 7)]
-    return _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
 
 
 def _point(T: Array, points: dict[str, str]) -> str:

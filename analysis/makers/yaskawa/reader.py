@@ -194,7 +194,12 @@ def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
     flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
     form: Form = "pulses" if pulses else "roll_pitch_yaw"
     target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
-    reader.points.declare(reader.key(position[1]), target, _reason(position[1], len(numbers)))
+    reason: Reason | None = None if len(numbers) == 6 else "incomplete"
+    if position[1][0] in "BE" or len(numbers) > 6:
+        reason = "external_axes"
+    elif position[1][0] == "P":
+        reason = "not_literal"
+    reader.points.declare(reader.key(position[1]), target, reason)
 
 
 def _frame(kind: str, user: str) -> str:
@@ -207,14 +212,6 @@ def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> 
     program`, and whether R, T and S stand beyond half a turn."""
     sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
-
-
-def _reason(name: str, count: int) -> Reason | None:
-    if name[0] in "BE" or count > 6:
-        return "external_axes"
-    if name[0] == "P":
-        return "not_literal"
-    return None if count == 6 else "incomplete"
 
 
 def _instruction(reader: _Reader, text: str) -> None:
