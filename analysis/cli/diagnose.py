@@ -63,8 +63,12 @@ def diagnose(
     from analysis.cli.several import end_with, worst
     from rigs.load import load
 
-    if output:
-        _hold_writable(output)
+    if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
+        from analysis.reporting.diagnosis_report import hold_empty
+        from analysis.reporting.html_page import is_page
+
+        if not is_page(output):
+            hold_empty(output)
     rig_and_text = load(rig_file) if rig_file else None
     errors: list[RigError] = []
 
@@ -85,16 +89,6 @@ def diagnose(
     if output:
         _write(diagnosis, measured, text, output, errors)
     end_with(worst(errors))
-
-
-def _hold_writable(output: Path) -> None:
-    """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
-    only for it, since it takes half a second."""
-    from analysis.reporting.diagnosis_report import hold_empty
-    from analysis.reporting.html_page import is_page
-
-    if not is_page(output):
-        hold_empty(output)
 
 
 def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:

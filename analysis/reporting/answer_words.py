@@ -83,7 +83,9 @@ class AnswerWords:
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
-        clauses = "; ".join([*wrong, *self._open(), *self._sure_as_well()])
+        sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
+        measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
+        clauses = "; ".join([*wrong, *self._open(), *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
@@ -183,10 +185,6 @@ class AnswerWords:
     def _by_certainty(self) -> tuple[list[Named], list[Named]]:
         sure = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         return sure, [named for named in self.diagnosis.standing if named not in sure]
-
-    def _sure_as_well(self) -> list[str]:
-        parts = [self._measured(part) for part in sure_parts(self.diagnosis)]
-        return [self.texts("says_sure", parts=self._listed(parts))] if parts else []
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))

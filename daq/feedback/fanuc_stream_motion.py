@@ -93,16 +93,11 @@ def _decode(currents: bool, data: bytes) -> Position | Refused:
     place = _STAMP[kind]
     state, robot, contact = fields[_BYTES_OF_STATE : _BYTES_OF_STATE + 3]
     drawn = map(plausible, fields[place + 19 : place + 25]) if currents else ()
-    safety = math.nan if kind == 0 else float(_safety(robot, contact))
+    gravest = _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
+    gravest = SafetyState.EMERGENCY_STOP if robot & _E_STOP else gravest
+    safety = math.nan if kind == 0 else float(gravest)
     condition = (safety, float(bool(state & _SYSRDY)), *drawn)
     return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2], condition)
-
-
-def _safety(robot: int, contact: int) -> SafetyState:
-    """The state of the safety functions, the gravest first."""
-    if robot & _E_STOP:
-        return SafetyState.EMERGENCY_STOP
-    return _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
 
 
 def _nine(values: Sequence[float]) -> list[float]:
