@@ -201,11 +201,9 @@ def parse(texts: Texts) -> Parsed:
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    return reader.points.parsed(Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",)))
-
-
-def _initial(part: str) -> Value:
-    return "tcp" if part == "tool" else OFF
+    return reader.points.parsed(
+        Program(reader.routines, lambda part: "tcp" if part == "tool" else OFF, tuple(reader.beside), kept=("tool",))
+    )
 
 
 def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
