@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -162,7 +162,7 @@ class Backgrounds:
             variance, mean = share * variance, share * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
-        gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
+        gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
         return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
 
