@@ -134,12 +134,13 @@ def files_that_name(maker: str) -> list[str]:
     """Return the files outside a maker's own that name it in what runs: not in a docstring, which gives a source. Its
     own are its folder, and files that are named after it, as the driver of its interface."""
     name = re.compile(MAKERS[maker])
-    others = {
-        file: tree
-        for file, tree in sources().items()
-        if f"/{maker}/" not in file and not Path(file).name.startswith(f"{maker}_")
-    }
-    return [file for file, tree in others.items() if any(name.search(word) for word in _words(tree))]
+    return [
+        file
+        for file, words in _words().items()
+        if f"/{maker}/" not in file
+        and not Path(file).name.startswith(f"{maker}_")
+        and any(name.search(word) for word in words)
+    ]
 
 
 def files_that_name_kind(test: str) -> list[str]:
@@ -151,8 +152,13 @@ def files_that_name_kind(test: str) -> list[str]:
     return [file for file in others if name.search((ROOT / file).read_text(encoding="utf-8"))]
 
 
-def _words(tree: ast.Module) -> Iterator[str]:
-    """The names and the texts of a file that are no docstrings."""
+@cache
+def _words() -> dict[str, set[str]]:
+    """The names and the texts of each file that are no docstrings."""
+    return {file: set(_words_of(tree)) for file, tree in sources().items()}
+
+
+def _words_of(tree: ast.Module) -> Iterator[str]:
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         match node:

@@ -45,7 +45,7 @@ def test_every_number_has_its_limit(counts: dict[str, int]) -> None:
     assert counts.keys() == MOST.keys()
 
 
-def test_what_is_counted_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_counted_is_seen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Two modules that import each other, one of them inside of a function; a third imported for types alone; an
     empty name, and a helper that one place uses; a maker in a text, and not in a docstring or in its own file."""
     a, b = (
@@ -55,8 +55,9 @@ def test_what_is_counted_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     trees: dict[str, Any] = {f"rigs/{name}.py": ast.parse(text) for name, text in (("a", a), ("b", b), ("c", b))}
     named = ("kuka_rsi.py", "x = 'kuka'"), ("d.py", "'KUKA'\nx = 'KUKA RSI'"), ("e.py", "'KUKA'\nx = 1")
     trees |= {f"rigs/{file}": ast.parse(text) for file, text in named}
-    for function in ("_functions", "_bindings", "circles", "_imports", "files_that_name"):
-        monkeypatch.setitem(HOUSE[function].__globals__, "sources", lambda: trees)
+    request.addfinalizer(HOUSE["_words"].cache_clear)
+    HOUSE["_words"].cache_clear()
+    monkeypatch.setitem(HOUSE["circles"].__globals__, "sources", lambda: trees)
     assert HOUSE["circles"]() == [["rigs.a", "rigs.b"]]
     assert HOUSE["_functions"]() == ([1, 2, 2], 1)
     assert list(HOUSE["_bindings"]()) == ["one", "x", "x", "x"]

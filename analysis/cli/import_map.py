@@ -82,19 +82,16 @@ def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, top
         dialogue = Dialogue(lambda line: say(line, err=True), progress_of, True, sys.stdin, sys.stderr)
         while proposal.questions:
             question = proposal.questions[0]
-            chosen = dialogue.ask(_asked(question), "--map", _answer_of(question))
+            lines = [f"{question.key}: {question.asks}"]
+            lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
+            lines += [f"number, 1 to {len(question.readings)}"]
+            chosen = dialogue.ask("\n".join(lines), "--map", _answer_of(question))
             proposal = proposal.answered(question, chosen)
     proposal = proposal.assumed()
     say("read by this map, which the run keeps:", err=True)
     for line in map_text(proposal.table_map).splitlines():
         say(f"  {line}", err=True)
     return proposal.table_map
-
-
-def _asked(question: Question) -> str:
-    lines = [f"{question.key}: {question.asks}"]
-    lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
-    return "\n".join([*lines, f"number, 1 to {len(question.readings)}"])
 
 
 def _answer_of(question: Question) -> Callable[[str], Reading]:

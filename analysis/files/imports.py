@@ -23,7 +23,6 @@ from analysis.measures.checks import hold_alive
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import PLACE, JointSource
-from analysis.traces.tables import Table
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load
@@ -200,16 +199,12 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     """A run held against the rig, with what an evaluation will refuse among its doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
-    reasons = (*doubts, *_doubts(measured.table, rig, where), *measured.doubts)
-    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))
-
-
-def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
-    """What an evaluation will refuse: it is better reported now."""
+    refused, table = [], measured.table
     try:
         table.kind.hold_evaluable(table, rig, where)
         columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
         hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
-    except FileError as error:
-        return [str(error)]
-    return []
+    except FileError as error:  # it is better reported now
+        refused = [str(error)]
+    reasons = (*doubts, *refused, *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))

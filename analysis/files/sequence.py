@@ -38,10 +38,18 @@ def check_sequence(
         for k in np.flatnonzero(columns[name].to_numpy() < 0):
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in columns_of_test and rig.tests.hemisphere:
-        yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
+        target = columns["target"].to_numpy()
+        count = target_count(rig.tests.hemisphere)
+        for k in np.flatnonzero(target > count):
+            what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
+            yield TableProblem(int(lines[k]), "target", what)
     yield from _further_joints(columns, columns_of_test, len(rig.robot.axes))
     if SOCKET in columns_of_test:
-        yield from _sockets(columns["socket"], lines, rig)
+        declared = rig.tests.touch.sockets if rig.tests.touch else ()
+        for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
+            if declared and socket not in declared:
+                what = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
+                yield TableProblem(int(line), SOCKET, what)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
@@ -62,19 +70,6 @@ def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
     for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
         what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
         yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
-
-
-def _sockets(sockets: pa.ChunkedArray, lines: np.ndarray, rig: Rig) -> Iterator[TableProblem]:
-    declared = rig.tests.touch.sockets if rig.tests.touch else ()
-    for line, name in zip(lines.tolist(), sockets.to_pylist(), strict=True):
-        if declared and name not in declared:
-            yield TableProblem(int(line), "socket", f"{name!r} is no socket of the rig file: {', '.join(declared)}")
-
-
-def _targets(target: Array, lines: np.ndarray, count: int) -> Iterator[TableProblem]:
-    for k in np.flatnonzero(target > count):
-        what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
-        yield TableProblem(int(lines[k]), "target", what)
 
 
 def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
@@ -98,9 +93,7 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: 
             came = -2
             continue
         came = k
-        yield TableProblem(int(lines[finite[k + 1]]), name, _jump(step[k], gap_s[k]))
-
-
-def _jump(step: float, gap_s: float) -> str:
-    jump = f"jumps by {step:.4g}° in {gap_s:.3g} s"
-    return f"{jump}: a full turn is missing; unwrap the angle" if abs(abs(step) - 360) < 20 else jump
+        what = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+        if abs(abs(step[k]) - 360) < 20:
+            what += ": a full turn is missing; unwrap the angle"
+        yield TableProblem(int(lines[finite[k + 1]]), name, what)

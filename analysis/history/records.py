@@ -25,8 +25,7 @@ from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.rig import Rig
-from rigs.schema.vocabulary import DrivenTest, TestName
+from rigs.schema.vocabulary import DrivenTest
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:
@@ -107,7 +106,11 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
             warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
             measured = load_measured(path)
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
-            program = _program(measured.rig, manifest.test)
+            # A digest of what the robot drives; figures of different programs are not comparable
+            is_driven = manifest.test in get_args(DrivenTest)
+            part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
+            driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
+            program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
             result = result_of(measured)
             figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
     except FileError as error:
@@ -141,13 +144,6 @@ def _plain_record(
         figures,
         corrected=manifest.corrected,
     )
-
-
-def _program(rig: Rig, test: TestName) -> str:
-    """A digest of what the robot drives; figures of different programs are not comparable."""
-    part = getattr(rig.tests, kind_named(test).part) if test in get_args(DrivenTest) else None
-    driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
-    return hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
 
 
 def in_time(records: Iterable[Record]) -> list[Record]:

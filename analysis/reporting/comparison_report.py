@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from matplotlib.figure import Figure
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -93,14 +92,10 @@ def _save_where(disagreement: Disagreement, file: BinaryIO) -> None:
     disagreement_picture(disagreement).savefig(file, format="png", dpi=130)
 
 
-def _save(comparison: Comparison, file: BinaryIO) -> None:
-    _figure(comparison).savefig(file, format="png", dpi=150)
-
-
 _ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
 
 
-def _figure(comparison: Comparison) -> Figure:
+def _save(comparison: Comparison, file: BinaryIO) -> None:
     figure = Sheet(9, 5.4)
     figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -122,4 +117,4 @@ def _figure(comparison: Comparison) -> Figure:
         if circle:
             axes.set_xlim(0, 360)
             axes.set_xticks(range(0, 361, 30))
-    return figure
+    figure.savefig(file, format="png", dpi=150)

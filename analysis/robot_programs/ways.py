@@ -63,7 +63,8 @@ def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
-    angle = _angle_about(axis, arm, end[:3, 3] - centre)
+    to_end = end[:3, 3] - centre
+    angle = float(np.arctan2(axis @ np.cross(arm, to_end), arm @ to_end) % (2 * np.pi))
     length = angle * float(np.linalg.norm(arm))
     share = _shares(length, angle)
     return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
@@ -92,11 +93,6 @@ def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> A
 
 def _shares(length_mm: float, angle: float) -> Array:
     return np.linspace(0, 1, 3 + 2 * int(max(length_mm / _STEP_MM, angle / _STEP_RAD)))
-
-
-def _angle_about(axis: Array, begin: Array, end: Array) -> float:
-    """Angle in (0, 2π) rad about a unit axis (3,) from one direction (3,) to another."""
-    return float(np.arctan2(axis @ np.cross(begin, end), begin @ end) % (2 * np.pi))
 
 
 def rotation_vector(begin: Array, end: Array) -> Array:

@@ -64,14 +64,11 @@ class Way:
             pieces.append(angles_along(end_of(before), move))
         at_end = max((k for k, step in enumerate(plan.steps) if isinstance(step, Move)), default=0)
         stands = [step.seconds for step in plan.steps[:at_end] if isinstance(step, Dwell)]
-        return cls(_evenly(np.degrees(np.concatenate(pieces))), max(stands, default=0.0))
-
-
-def _evenly(q_deg: Array) -> Array:
-    """Angles (n, 6) at even distances along a polyline of angles (m, 6)."""
-    far = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q_deg, axis=0)).max(axis=1))])
-    at = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP_DEG))
-    return np.stack([np.interp(at, far, joint) for joint in q_deg.T], axis=1)
+        # Angles (n, 6) at even distances along a polyline of angles (m, 6)
+        q_deg = np.degrees(np.concatenate(pieces))
+        far = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q_deg, axis=0)).max(axis=1))])
+        at = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP_DEG))
+        return cls(np.stack([np.interp(at, far, joint) for joint in q_deg.T], axis=1), max(stands, default=0.0))
 
 
 class Watch:

@@ -38,6 +38,8 @@ FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
+MeasuredBy = Literal["gauges", "tracker", "sockets"]
+"""What measures the arm: two gauges and a ball link, a tracker, or a ball that is seated in sockets."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
 pose with six, so that circles, their programs and entries of controllers are of so many."""

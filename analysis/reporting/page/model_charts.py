@@ -33,7 +33,10 @@ _ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_si
 def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> list[Chart]:
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
-    charts, ticks = [], _ticks(group[0])
+    # The names of the places of a repeatability run: each target from outside and from inside
+    targets = group[0].found.targets if isinstance(group[0].found, RepeatabilityResult) else ()
+    places = (f"{target} {_ARROWS[side]}" for target in targets for side in SIDES)
+    charts, ticks = [], tuple((float(place), name) for place, name in enumerate(places))
     for title in dict.fromkeys(comparison.result.title for comparison in before):
         x, measured, simulated = _means(before, title)
         unit, factor = _IN_PICTURE[before[0].unit]
@@ -50,14 +53,6 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
         frame = "straight" if straight else "targets"
         charts.append(Chart(chart_title, caption, frame, x_label, y_label, unit, tuple(lines), ticks=ticks))  # type: ignore[arg-type]
     return charts
-
-
-def _ticks(result: Result) -> tuple[tuple[float, str], ...]:
-    """The names of the places of a repeatability run: each target from outside and from inside."""
-    if not isinstance(result.found, RepeatabilityResult):
-        return ()
-    names = [f"{target} {_ARROWS[side]}" for target in result.found.targets for side in SIDES]
-    return tuple((float(place), name) for place, name in enumerate(names))
 
 
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
