@@ -74,7 +74,7 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("UR10", "did you mean ur10e?"),
+        ("UR10a", "did you mean ur10 or ur10e"),
         ("GP 7", "did you mean yaskawa-gp7?"),
         ("kr6", "did you mean kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
         ("fanuc-m-21ia", "did you mean fanuc-m-20ia"),
