@@ -257,10 +257,11 @@ class _Machine:
     def join(self, first: State, second: State, place: Unknown) -> State:
         if first is second:
             return first
-        values = {
-            part: _joined(self.value(first, part), self.value(second, part), place)
-            for part in first.values.keys() | second.values.keys()
-        }
+        values: dict[str, Value] = {}
+        for part in first.values.keys() | second.values.keys():
+            both = self.value(first, part), self.value(second, part)
+            unknown = [value for value in both if isinstance(value, Unknown)]
+            values[part] = both[0] if both[0] == both[1] else min(unknown, default=place)
         lost = dict(first.lost)
         for name, why in second.lost.items():
             lost[name] = min(lost.get(name, why), why)
@@ -453,13 +454,6 @@ def usages_of(program: Program) -> list[Usage]:
 def family_of(part: str) -> str:
     """Return "UFRAME" of "UFRAME[3]"."""
     return part.partition("[")[0]
-
-
-def _joined(first: Value, second: Value, place: Unknown) -> Value:
-    if first == second:
-        return first
-    unknown = [value for value in (first, second) if isinstance(value, Unknown)]
-    return min(unknown) if unknown else place
 
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
