@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+import numpy as np
+
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.makers.target import WHY, Left
 from analysis.noise.readings import rms
