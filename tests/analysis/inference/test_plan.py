@@ -34,6 +34,7 @@ from tests.support.nightly import cases
 
 NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
+ZERO_5 = JointOffset(axis=5, offset_deg=0.02)
 FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", delta=1.0)]
 
 
