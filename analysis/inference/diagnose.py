@@ -18,7 +18,7 @@ from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
-from analysis.inference.plan import FurtherTests, possible_tests, separating
+from analysis.inference.plan import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.inference.prepared_runs import prepare_runs, without_wild
 from analysis.inference.refine import size_limits
 from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, places
@@ -292,25 +292,25 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
-    """Return the test that, beside the existing runs, best separates the first ambiguous name from its closest rival;
-    otherwise a doubt."""
+    """Return the shortest test that, beside the existing runs, separates the first ambiguous name from its closest
+    rival; otherwise a doubt."""
     name = next((name for name in ambiguous_names(named) if name.rivals), None)
     if name is None:
         return None, []
-    rivals = (name.effect, name.rivals[0].effect)
     try:
         possible, impossible = further()
     except FileError as error:
         return None, [f"no further test is possible with this rig file: {error}"]
-    candidates = separating(possible, rivals)
-    if not candidates:
+    if not possible:
         reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
         return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
-    if not is_separable(candidates[0].sigma):
+    best = shortest(possible, sigma_between(name.effect, name.rivals[0].effect), is_separable)
+    if best is None:
         return None, [
             f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"
         ]
-    return NextTest(candidates[0].test, candidates[0].why, candidates[0].sigma), []
+    test, sigma = best
+    return NextTest(test.test, test.why, float(sigma)), []
 
 
 def _group(name: Named) -> tuple[str, ...]:
