@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -73,15 +73,14 @@ class HostClockMonitor:
         if slept_ns > _STEP_NS:
             details.append(f"the computer slept for {slept_ns / 1e9:.1f} s and read nothing; switch its suspend off")
         if abs(set_ns) > _STEP_NS:
-            earlier, after = (_utc(wall_ns) for wall_ns in (now.wall_ns - set_ns, now.wall_ns))
+            earlier, after = (
+                datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
+                for wall_ns in (now.wall_ns - set_ns, now.wall_ns)
+            )
             details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {earlier} to {after}")
         if details:
             self._known = now
         return [Fault(FaultKind.CLOCK, now.monotonic_ns, detail) for detail in details]
-
-
-def _utc(wall_ns: int) -> str:
-    return datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
 
 
 _SLEEP_S = 0.1
@@ -169,14 +168,7 @@ class DriftMonitor:
         """Return the state as of the last complete window; None before there is one."""
         if not self._minima:
             return None
-        return ClockState(self._minima[-1][1], _drift_ppm(self._minima), self._late_s)
-
-
-def _drift_ppm(minima: Iterable[tuple[float, float]]) -> float | None:
-    """Slope of the least-squares line; None for less than three points."""
-    points = list(minima)
-    if len(points) < 3:
-        return None
-    x0, y0 = statistics.fmean(x for x, _ in points), statistics.fmean(y for _, y in points)
-    rise = sum((x - x0) * (y - y0) for x, y in points)
-    return 1e6 * rise / sum((x - x0) ** 2 for x, _ in points)
+        drift_ppm = None
+        if len(self._minima) >= 3:  # two make a line of any two readings
+            drift_ppm = 1e6 * statistics.linear_regression(*zip(*self._minima, strict=True)).slope
+        return ClockState(self._minima[-1][1], drift_ppm, self._late_s)
