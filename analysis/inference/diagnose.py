@@ -90,7 +90,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        sides = any(block.one.table.kind.sides_known(block.one.table) for block in blocks)
+        sides = any(block.one.table.kind.sides(block.one.table) is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
@@ -185,8 +185,8 @@ def diagnose(
     diagnosis = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
     diagnosis = replace(diagnosis, given=given is not None)
     written = [name.effect for name in diagnosis.written]
-    wider = widening(judges, stages, result)
-    verdict = judged_of(diagnosis, whole, gaps)
+    wider = widening(judges, elsewhere, stages, result)
+    verdict = judged_of(diagnosis, whole, gaps, wider.unexplained_mm)
     calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, verdict)
     diagnosis = replace(diagnosis, calibrated=calibrated)
     diagnosis = replace(diagnosis, staircase=staircase_of(diagnosis, result, stages, sound, judges, elsewhere))
@@ -197,8 +197,8 @@ def diagnose(
     further = cache(partial(possible_tests, rig, kinds, linear.blocks, linear.setups, result.state.level))
     if diagnosis.condition == "ambiguous":
         progress("choosing a test that separates the rivals")
-        next_test, doubt = _next_test(named, further)
-        diagnosis, doubts = replace(diagnosis, next_test=next_test), doubts + doubt
+        next_test, why_none = _next_test(named, further)
+        diagnosis, doubts = replace(diagnosis, next_test=next_test), doubts + why_none
     place = JudgedPlace(judged.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
     asks = diagnosis.condition not in ("not_testable_here", "undecided") and given is None
     tests = naming_tests(further, result, diagnosis.budget, named, (sound, elsewhere)) if asks else []
