@@ -13,6 +13,7 @@ from rigs.load import parse
 from rigs.rig import Rig
 from tests.support.seven_axes import Array, Fault, Truth, draw_truth
 
+ARMS = ("ur10e", "abb-irb-1600", "kuka-kr-6-r900-2", "fanuc-lr-mate-200id", "doosan-m1013")
 BALL_MM = np.array([40.0, 0.0, 120.0])
 
 

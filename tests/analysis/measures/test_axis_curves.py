@@ -17,9 +17,7 @@ from rigs.arms import load_arm
 from rigs.load import parse
 from tests.support.command_line import ran
 from tests.support.nightly import cases
-from tests.support.one_axis import driven, true_curve
-
-ARMS = ("ur10e", "abb-irb-1600", "kuka-kr-6-r900-2", "fanuc-lr-mate-200id", "doosan-m1013")
+from tests.support.one_axis import ARMS, driven, true_curve
 
 
 @pytest.mark.parametrize("name", cases(ARMS, ("abb-irb-1600",)))
