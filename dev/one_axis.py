@@ -1,8 +1,8 @@
-"""One axis at a time in five arms of another generator: curves by direction and plays against the truth, and what it gains.
+"""One axis at a time in five arms of another generator: curves by direction and plays against the truth.
 
-Each arm has what sound ones show and a play of one joint. `scripts/dev one_axis` prints, of poses one axis at a time, how
-far curves and plays are off in their u, and what a diagnosis of 30 poses, of these sweeps, and of both leaves at 200
-poses that had no part, mm rms.
+Each arm has what sound ones show and a play of one joint. `scripts/dev one_axis` prints, of poses one axis at a time,
+how far curves and plays are off in their u, and what a diagnosis of 30 poses, of these sweeps, and of both leaves at
+200 poses that had no part, mm rms.
 """
 
 from __future__ import annotations

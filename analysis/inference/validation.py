@@ -156,15 +156,20 @@ _FREEDOM = 3.0
 
 
 def widening(
-    judges: Sequence[ObservedRun], elsewhere: Sequence[ObservedRun], stages: Stages, result: SearchResult
+    left_out: LeftOut,
+    judges: Sequence[ObservedRun],
+    elsewhere: Sequence[ObservedRun],
+    stages: Stages,
+    result: SearchResult,
 ) -> Widening:
     """Return how far places are missed beyond what the calibrated model states: by the largest of the ratios of places
-    used, each neighbourhood, and each placement, left out in its turn; of those that were held out; of runs elsewhere.
+    used, each neighbourhood (`left_out`), and each placement, left out in its turn; of those that were held out; of
+    runs elsewhere.
 
     A model that is smooth where an arm is not, or the same in postures, on days, or about placements where it is not,
     misses places by more than its covariance allows for. Residuals are (m, k) mm.
     """
-    sets = [_missed_within(result), _missed_by_placement(result)]
+    sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
     for runs in (judges, elsewhere):
         places = [run for run in runs if run.one.table.kind.of_places]
         sets.append(_missed_by(places, stages, result) if places else None)
@@ -172,23 +177,50 @@ def widening(
     return max(known, key=lambda missed: missed.ratio).widening() if known else Widening()
 
 
-def _missed_within(result: SearchResult) -> _Missed | None:
-    """Return by how much the model of all others misses each neighbourhood of the poses used, None where there are no
-    poses."""
-    linear, sums = result.linear, list[Array]()
+@dataclass(frozen=True)
+class LeftOut:
+    """Places used, each neighbourhood left out in its turn: the whitened rows (n,) of the readings, their
+    neighbourhood, what the model of all others misses them by, in standard deviations of the noise and squared in mm²,
+    how much of the square is noise, and what is stated. Wild readings count as little as in the fit, `robust`."""
+
+    rows: Integers
+    group: Integers
+    missed: Array
+    missed_mm2: Array
+    noise_mm2: Array
+    stated_mm2: Array
+    robust: Array
+
+    @property
+    def sums(self) -> Array:
+        """Sums over the entries of each neighbourhood (g, 4), as `_missed_of` takes them."""
+        entry = self.robust * np.stack([self.missed_mm2, self.noise_mm2, self.stated_mm2, np.ones(len(self.rows))])
+        return np.array([entry[:, self.group == number].sum(axis=1) for number in np.unique(self.group).tolist()])
+
+
+def places_left_out(result: SearchResult) -> LeftOut:
+    """Return each neighbourhood of the poses used as all others predict it; empty where there are no poses."""
+    linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
         if block.one.table.kind.of_places:
             group = _neighbourhoods(block)
             for number in np.unique(group).tolist():
                 rows = of_block.start + np.flatnonzero(group == number)
-                sums.append(_left_out(result, rows, np.zeros(len(rows), dtype=np.int64))[0])
-    return _missed_of(np.array(sums)) if sums else None
+                parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
+            first += int(group.max()) + 1
+    return _together(parts)
+
+
+def _together(parts: Sequence[LeftOut]) -> LeftOut:
+    number, value = np.zeros(0, dtype=np.int64), np.zeros(0)
+    none = LeftOut(number, number, value, value, value, value, value)
+    return LeftOut(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in vars(none)))
 
 
 def _missed_by_placement(result: SearchResult) -> _Missed | None:
     """Return by how much the model of all others misses each placement of the poses used, its set-up fitted to it, by
     neighbourhood; None where there are not two. Long series are not left out, only the others predicted by them."""
-    linear, sums = result.linear, list[Array]()
+    linear, left_out, first = result.linear, list[LeftOut](), 0
     blocks = [k for k, block in enumerate(linear.blocks) if block.one.table.kind.of_places]
     placement = {k: without_socket(linear.blocks[k].one.setup) for k in blocks}
     for name in set(placement.values()) if len(set(placement.values())) > 1 else ():
@@ -197,27 +229,28 @@ def _missed_by_placement(result: SearchResult) -> _Missed | None:
         group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in parts])
         terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].one.setup]})
         if len(terms) < len(rows) < _LONGEST:
-            sums += _left_out(result, rows, group, basis_of(linear.U[rows][:, terms]))
-    return _missed_of(np.array(sums)) if sums else None
+            left_out.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
+            first += int(group.max()) + 1
+    return _missed_of(_together(left_out).sums) if left_out else None
 
 
 _LONGEST = 1500
 """Readings of a placement from which it is not left out: their covariance is inverted, in a second."""
 
 
-def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> list[Array]:
-    """Return for each group (n,) of whitened rows (n,), left out together, the sums of `_missed_of`: without what
-    `placed`, orthonormal columns (n, s) of a set-up, takes up. Wild readings count as little as in the fit."""
-    posterior, robust = result.calibrated_posterior, result.state.robust[rows]
+def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
+    """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
+    takes up."""
+    posterior = result.calibrated_posterior
     noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band[rows]]
-    sd_mm = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows]
+    variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
     missed, covariance = posterior.left_out(rows)
     if placed is not None:
         missed, covariance = missed - placed @ (placed.T @ missed), covariance - placed @ (placed.T @ covariance)
         covariance -= (covariance @ placed) @ placed.T
-    variance = np.maximum(np.diag(covariance), 0.0)
-    entry = robust * np.stack([missed**2 * sd_mm**2, noise * sd_mm**2, variance * sd_mm**2, np.ones(len(rows))])
-    return [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
+    stated = np.maximum(np.diag(covariance), 0.0) * variance_mm2
+    robust = result.state.robust[rows]
+    return LeftOut(rows, group, missed, missed**2 * variance_mm2, noise * variance_mm2, stated, robust)
 
 
 def _neighbourhoods(block: Block) -> Integers:

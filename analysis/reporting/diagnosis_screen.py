@@ -29,6 +29,7 @@ from analysis.reporting.diagnosis_words import (
 )
 from analysis.reporting.places_table import places_table
 from analysis.reporting.plain_console import whole
+from analysis.reporting.remains_words import remains_lines
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
@@ -161,7 +162,8 @@ def _left(diagnosis: Diagnosis) -> list[RenderableType]:
         return []
     remainder = diagnosis.remainder
     lines = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
-    return [*lines, *(Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left)]
+    lines += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
+    return [*lines, *map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())]
 
 
 def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:

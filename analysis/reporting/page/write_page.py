@@ -38,6 +38,7 @@ from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
+from analysis.reporting.remains_words import remains_lines, remains_rows
 from analysis.reporting.texts import Language, Texts, texts_of
 from rigs.distribution import version
 
@@ -75,6 +76,8 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         acts=_acts(report, texts),
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
+        remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
+        remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
         steps=step_table(report.found, texts) if report.found else None,
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
