@@ -70,7 +70,13 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
         named = np.zeros(len(middles), dtype=np.int64)
         named[largest] = names
         pose = named[heap]
-        share = _in_order(pose[pose > 0])
+        # The share of steps that lead to the next pose of a cycle
+        visited = pose[pose > 0]
+        follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
+        steps = [
+            follows[before] == after for before, after in zip(visited[:-1].tolist(), visited[1:].tolist(), strict=True)
+        ]
+        share = float(np.mean(steps)) if steps else 0.0
         if share > most:
             best, most = pose, share
     return best
@@ -88,10 +94,3 @@ def _heaps(xyz_mm: Array, radius_mm: float) -> tuple[Integers, Array]:
             heap[row] = len(first)
             first.append(place)
     return heap, np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])
-
-
-def _in_order(pose: Integers) -> float:
-    """The share of steps that lead to the next pose of a cycle."""
-    follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
-    steps = [follows[before] == after for before, after in zip(pose[:-1].tolist(), pose[1:].tolist(), strict=True)]
-    return float(np.mean(steps)) if steps else 0.0

@@ -26,7 +26,7 @@ from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
@@ -64,7 +64,7 @@ class _Track:
         self.values.append(values)
 
 
-def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> tuple[bytes, tuple[str, ...]]:
+def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0]) -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
@@ -74,7 +74,11 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> t
     for topic, track in tracks.items():
         streams[topic], more = _stream(topic, track, begin_ns)
         doubts += more
-    aligned = align_streams(Path(where), streams, test, _behind_topics(rig))
+    # The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes
+    gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
+    aligned = align_streams(
+        Path(where), streams, test, rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
+    )
     # A message can only be late. So what all are late by is no better known than how unevenly they are.
     u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [
@@ -82,12 +86,6 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> t
         "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
     ]
     return _csv(aligned, u_lag_s), tuple(doubts)
-
-
-def _behind_topics(rig: Rig) -> Rig:
-    """The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes."""
-    gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
-    return rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
 
 
 def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:

@@ -34,9 +34,11 @@ if TYPE_CHECKING:
 
 _ENDS = 65536
 """Bytes at either end of a file by which it is known: the schema of the widest table that is written has 3 kB."""
+PDF_MARK = b"% made by rig\n"
+"""A comment at the end of a PDF of rig: WeasyPrint 70 compresses what names the maker of one."""
 _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
     ".html": (b"<!doctype html>", (b"content=\"default-src 'none'; base-uri 'none'; form-action 'none'",)),
-    ".pdf": (b"%PDF-", (b"WeasyPrint",)),
+    ".pdf": (b"%PDF-", (PDF_MARK,)),
     ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
     ".parquet": (b"PAR1", (b"started_utc", b"standing")),
 }

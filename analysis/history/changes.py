@@ -178,7 +178,9 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
     how many such series of the robot are looked at."""
     wild = wild_runs(values, u)
-    spread = _spread(values[~wild])
+    # Standard deviation from one run to the next, which a step or a slow rise hardly changes; none of a single run.
+    steps = np.abs(np.diff(values[~wild]))
+    spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
     kept = np.flatnonzero(~wild)[-NEWEST:]
     candidates = _changes(values[kept], series)
     if spread == 0:
@@ -203,13 +205,6 @@ def wild_runs(values: Array, u: Array) -> Mask:
     scale = max(usual, float(np.median(u)))
     wild: Mask = away > _WILD * scale
     return wild
-
-
-def _spread(values: Array) -> float:
-    """Standard deviation from one run to the next, which a step or a slow rise hardly changes."""
-    if len(values) < 2:
-        return float("nan")
-    return float(_TO_SD * np.median(np.abs(np.diff(values))) / np.sqrt(2))
 
 
 def _changes(values: Array, series: int) -> list[Change]:

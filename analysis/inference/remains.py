@@ -43,8 +43,8 @@ def remains_of(result: SearchResult, left_out: LeftOut, temperature: Array | Non
             axes = [linear.by_joint(axis, functions)[left_out.rows] for axis in range(1, linear.axes + 1)]
             share = _share_left_out(np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1), off, left_out)
         looked.append(Looked(subject, share))
-    whole, noise = (1e3 * float(np.sqrt(3 * np.average(square, weights=left_out.robust)))
-                    for square in (left_out.missed_mm2, left_out.noise_mm2))  # fmt: skip
+    mean_squares = [np.average(square, weights=left_out.robust) for square in (left_out.missed_mm2, left_out.noise_mm2)]
+    whole, noise = (1e3 * float(np.sqrt(3 * square)) for square in mean_squares)
     return Remains(whole, noise, tuple(looked))
 
 
@@ -60,8 +60,9 @@ def _subjects(blocks: Sequence[Block], temperature: Array | None) -> Iterator[tu
     yield "approach", _of_places(_sides)
     yield "time", _of_places(_waves_of_time)
     one_table = len({id(block.one.table) for block in blocks if block.one.table.kind.of_places}) == 1
-    known = temperature is not None and one_table and np.ptp(temperature) > 0
-    yield "temperature", _of_places(lambda _: _centred(temperature)) if known else None  # type: ignore[arg-type]
+    shows = temperature is not None and one_table and np.ptp(temperature) > 0
+    warmth = _centred(np.zeros(1) if temperature is None else temperature)
+    yield "temperature", _of_places(lambda _: warmth) if shows else None
     yield "speed", None  # a robot that stands has none
 
 
@@ -97,7 +98,7 @@ def _waves_of_time(block: Block) -> Array:
 
 def _centred(values: Array) -> Array:
     """Return values (n,) about their mean, as a column (n, 1) of unit range."""
-    centred: Array = ((values - values.mean()) / np.ptp(values))[:, None]
+    centred: Array = ((values - values.mean()) / (np.ptp(values) or 1.0))[:, None]
     return centred
 
 
@@ -108,11 +109,11 @@ def _share_left_out(columns: Array, off: Array, left_out: LeftOut) -> float:
     ends = [0, *(np.flatnonzero(np.diff(left_out.group[order])) + 1).tolist(), len(order)]
     groups = [order[begin:end] for begin, end in pairwise(ends)]
     normal, right = columns.T @ columns, columns.T @ off
-    left = np.zeros(len(_STRENGTHS))
+    squares = np.zeros(len(_STRENGTHS))
     for rows in groups:
         of_group = columns[rows]
         power, turn = np.linalg.eigh(normal - of_group.T @ of_group)
         seen = turn.T @ (right - of_group.T @ off[rows])
         fitted = seen / (np.maximum(power, 0.0) + 1 / _STRENGTHS[:, None])
-        left += ((off[rows] - fitted @ (of_group @ turn).T) ** 2).sum(axis=1)
-    return max(1 - float(left.min() / (off @ off)), 0.0)
+        squares += ((off[rows] - fitted @ (of_group @ turn).T) ** 2).sum(axis=1)
+    return max(1 - float(squares.min() / (off @ off)), 0.0)

@@ -173,8 +173,8 @@ def widening(
     for runs in (judges, elsewhere):
         places = [run for run in runs if run.one.table.kind.of_places]
         sets.append(_missed_by(places, stages, result) if places else None)
-    known = [missed for missed in sets if missed is not None and missed.stated.any()]
-    return max(known, key=lambda missed: missed.ratio).widening() if known else Widening()
+    judging = [missed for missed in sets if missed is not None and missed.stated.any()]
+    return max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
 
 
 @dataclass(frozen=True)
@@ -295,15 +295,15 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
     of_effect = [[unknown for unknown in refined.unknowns if unknown.effect == k] for k in range(len(refined.effects))]
     slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
     change = np.concatenate([*slopes, share], axis=1)
-    known = columns.set_ups.start
+    count = columns.set_ups.start
     if run.one.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
         placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
-        change, known = np.concatenate([change, placed], axis=1), columns.set_ups.stop
+        change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
     else:
         basis = basis_of(of_run.U)
         change -= basis @ (basis.T @ change)
-    covariance = posterior.joint_covariance(known, len(refined.unknowns))
+    covariance = posterior.joint_covariance(count, len(refined.unknowns))
     variance = np.einsum("np,np->n", change @ covariance, change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise

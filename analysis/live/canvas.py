@@ -58,7 +58,11 @@ class Canvas:
         cells = self._cells[row]
         width = get_character_cell_size(character)
         for place in range(column, min(column + width, self.width)):
-            self._clear(cells, place)
+            if cells[place][0] == "" and place:
+                cells[place - 1] = (" ", "")
+            if place + 1 < self.width and cells[place + 1][0] == "":
+                cells[place + 1] = (" ", "")
+            cells[place] = (" ", "")
         cells[column] = (character, style)
         if width == 2:
             cells[column + 1] = ("", style)
@@ -66,13 +70,6 @@ class Canvas:
     def dim(self, row: int, column: int) -> None:
         """Show a cell dim, in no colour."""
         self._cells[row][column] = (self.at(row, column), "dim")
-
-    def _clear(self, cells: list[_Cell], place: int) -> None:
-        if cells[place][0] == "" and place:
-            cells[place - 1] = (" ", "")
-        if place + 1 < self.width and cells[place + 1][0] == "":
-            cells[place + 1] = (" ", "")
-        cells[place] = (" ", "")
 
 
 @dataclass(frozen=True)

@@ -515,6 +515,12 @@ class Blocks:
         self._open.append(("branch", self._label(), self._label()))
         self.add(Jump((self._open[-1][1],)))
 
+    def perhaps(self, *statements: Statement) -> None:
+        """Take statements that a condition may skip."""
+        self.branch()
+        self.add(*statements)
+        self.close()
+
     def other(self) -> None:
         """Begin another branch of the block; without a guard it is taken where no other is."""
         if self._open and self._open[-1][0] == "branch":

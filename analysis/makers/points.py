@@ -202,7 +202,7 @@ def _with_state(target: Target, usages: Sequence[Usage], skip: _Leave) -> Target
         tool=_tool(first.tool, target.tool),
         frame=_tool(first.frame, target.frame),
         near=first.move.near,
-        flags=target.flags if any(usage.trusts in ("on", "checked") for usage in usages) else None,
+        flags=target.flags if any(usage.trusts != OFF for usage in usages) else None,
     )
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
+from analysis.kinematics.limits import SAME_RAD, within_limits
+from analysis.kinematics.newton import conditioning
 from analysis.makers.target import Flags, Reason, Step, Target, Way
 from analysis.robot_programs.ways import straight
 from rigs.errors import FileError
@@ -37,9 +38,11 @@ _NEAR_RAD = np.radians(60.0)
 joint by 180° less than twice axis 5."""
 _CLEARLY = 2.0
 """The next solution is farther by this factor than the nearest, or which one is meant is not clear. Chosen."""
-_SAME_RAD = 1e-6
 _ANY_MM_S = 100.0
 """A way has the same places at any speed."""
+_PAST_SINGULARITY = 0.01
+"""Conditioning below which the end of a straight line is not certain: an axis 5 below 2.3°, 4 mm at the wrist, which
+a robot drives between two set points of its controller. On which side the wrist leaves is the controller's then."""
 _LONGEST_MM = 1e4
 """No line of an arm is longer: 10 m."""
 
@@ -185,7 +188,7 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
         arrived = ways.reached(source, k, step.way)
         if isinstance(arrived, str):
             return arrived
-        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > _SAME_RAD:
+        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
             return "two_postures"
     return None
 
@@ -199,7 +202,10 @@ def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: 
         return "unreachable"
     try:
         way = straight(begin, pose, _ANY_MM_S).poses
-        end: Array = follow(arm, way, stands, "a move")[-1]
+        path = follow(arm, way, stands, "a move")
     except FileError:
         return "ambiguous"
+    if conditioning(arm, path).min() < _PAST_SINGULARITY:
+        return "past_singularity"
+    end: Array = path[-1]
     return solutions[np.abs(solutions - end).max(axis=1).argmin()] if len(solutions) else "unreachable"

@@ -44,6 +44,7 @@ Reason = Literal[
     "ambiguous",
     "other_flags",
     "two_postures",
+    "past_singularity",
     "unreachable",
     "beyond_limits",
     "singular",
@@ -77,6 +78,7 @@ WHY: dict[Reason, str] = {
     "ambiguous": "can be reached in several postures, and the program does not say clearly which",
     "other_flags": "has flags of posture that no solution of the nominal arm has",
     "two_postures": "is reached in two postures, which need two corrections",
+    "past_singularity": "is reached past a singularity, where the controller decides how the wrist goes on",
     "unreachable": "is out of the nominal arm's reach",
     "beyond_limits": "is, or would be, beyond a joint's limits",
     "singular": "is at a singularity or at a limit, where no correction exists",
@@ -234,6 +236,25 @@ def brackets(text: str) -> dict[int, int]:
     return closes
 
 
+def in_one_line(text: str, closes: dict[int, int]) -> str:
+    """Return a text of the same length in which what stands in brackets, which close there, is one line."""
+    parts, at = [], 0
+    for opening in sorted(closes):
+        if opening >= at:
+            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
+            at = closes[opening]
+    return "".join((*parts, text[at:]))
+
+
+_EITHER = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
+
+
+def may_be_skipped(text: str, begin: int, end: int) -> bool:
+    """Return whether a controller may leave out what stands at `end` of an expression that begins at `begin`: behind
+    `and` and `or`, since no manual says that both sides are evaluated."""
+    return _EITHER.search(text, begin, end) is not None
+
+
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     """Return the places of what commas outside of brackets separate, without the spaces around it."""
     places, depth, start = [], 0, begin
@@ -244,12 +265,11 @@ def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
         elif match[0] != ",":
             depth += 1 if match[0] in "([{" else -1
     places.append((start, end))
-    return [_stripped(text, *place) for place in places]
-
-
-def _stripped(text: str, begin: int, end: int) -> tuple[int, int]:
-    inside = text[begin:end]
-    return begin + len(inside) - len(inside.lstrip()), end - len(inside) + len(inside.rstrip())
+    stripped = []
+    for first, stop in places:
+        inside = text[first:stop]
+        stripped.append((first + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
+    return stripped
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,10 @@ class AnswerWords:
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
         which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
-        return " ".join(filter(None, [texts(f"says_{which}", **values), self._held()]))
+        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [texts(f"says_{which}", **values), already_held]))
 
     def _faults(self) -> list[str]:
         """The faults that are sure, as a part of a sentence."""
@@ -183,11 +186,6 @@ class AnswerWords:
     def _sure_as_well(self) -> list[str]:
         parts = [self._measured(part) for part in sure_parts(self.diagnosis)]
         return [self.texts("says_sure", parts=self._listed(parts))] if parts else []
-
-    def _held(self) -> str:
-        """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
-        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
-        return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))

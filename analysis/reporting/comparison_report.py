@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from matplotlib.figure import Figure
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -93,11 +92,10 @@ def _save_where(disagreement: Disagreement, file: BinaryIO) -> None:
     disagreement_picture(disagreement).savefig(file, format="png", dpi=130)
 
 
+_ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
+
+
 def _save(comparison: Comparison, file: BinaryIO) -> None:
-    _figure(comparison).savefig(file, format="png", dpi=150)
-
-
-def _figure(comparison: Comparison) -> Figure:
     figure = Sheet(9, 5.4)
     figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -112,13 +110,11 @@ def _figure(comparison: Comparison) -> Figure:
     above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
     below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
     below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel(
-        "circle angle φ / °" if circle else "target" if comparison.result.test == "radial" else "target and side"
-    )
+    below.set_xlabel(_ALONG[comparison.result.measured.table.kind.along])
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)
         if circle:
             axes.set_xlim(0, 360)
             axes.set_xticks(range(0, 361, 30))
-    return figure
+    figure.savefig(file, format="png", dpi=150)

@@ -98,16 +98,12 @@ def _entries(entries: ControllerEntries) -> Table:
         table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
-        numbers = (_number(entry.add, entry.u), f"{entry.u:.2g}", entry.unit, reading)
+        # A value with its sign, to the second digit of its uncertainty; a count to whole counts
+        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+        numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
         table.add_row(entry.parameter, *now, *numbers, f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
     return whole(table)
-
-
-def _number(value: float, u: float) -> str:
-    """Return a value with its sign, to the second digit of its uncertainty; a count to whole counts."""
-    digits = 1 - math.floor(math.log10(u)) if u > 0 else 6
-    return f"{value:+.{max(0, digits)}f}"
 
 
 def _stays(kept: NotEntered) -> str:

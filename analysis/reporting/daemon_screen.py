@@ -17,10 +17,6 @@ _OLD_S = 2.0
 
 def screen(state: dict[str, Any]) -> RenderableType:
     """Gauges, angle, joints, rates, faults and recording state of a `status` answer."""
-    return Group(_head(state), *_automatic(state), _gauges(state), _links(state))
-
-
-def _head(state: dict[str, Any]) -> Text:
     text = Text(f"{state['rig']}  ", style="bold")
     if state["recording"]:
         direction = f" {state['direction']}" if state["direction"] else ""
@@ -36,7 +32,7 @@ def _head(state: dict[str, Any]) -> Text:
             text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed or 'none'}", "bold red")
         elif state.get("beginning"):
             text.append(f"; {state['beginning']} begins", "yellow")
-    return text
+    return Group(text, *_automatic(state), _gauges(state), _links(state))
 
 
 def _automatic(state: dict[str, Any]) -> list[Text]:

@@ -60,24 +60,21 @@ def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
         if residuals.staircase
         else [np.array([curve.before_um]) for curve in residuals.curves]
     )
-    strands = [
-        _strand(curve, curve_steps, residuals.where) for curve, curve_steps in zip(residuals.curves, steps, strict=True)
-    ]
+    strands = []
+    for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
+        phi_deg = curve.phi_deg % 360
+        order = np.argsort(phi_deg)
+        ordered_um = steps_um[:, order]
+        places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
+        # The part with the worst located place; without one, the part that is larger for its noise
+        worst = max(places, key=lambda place: place.sigma, default=None)
+        sizes = {part: _size(ordered_um[0] @ direction, part) for part, direction in _PARTS.items()}
+        part = worst.part if worst else max(sizes, key=sizes.__getitem__)
+        of_part = tuple(place for place in places if place.part == part)
+        strands.append(Strand(curve, part, phi_deg[order], ordered_um @ _PARTS[part], of_part))
     loudest = sorted(strands, key=lambda strand: -_size(strand.before_um, strand.part))[:_MOST_ROWS]
     chosen = {id(strand) for strand in loudest}
     return [strand for strand in strands if id(strand) in chosen], len(strands) - len(chosen)
-
-
-def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
-    """The part with the worst located place; without one, the part that is larger for its noise. steps_um (steps, n, 2)
-    µm."""
-    order = np.argsort(curve.phi_deg % 360)
-    phi, steps = (curve.phi_deg % 360)[order], steps_um[:, order]
-    places = [place for place in where if (place.test, place.direction) == (curve.test, curve.direction)]
-    worst = max(places, key=lambda place: place.sigma, default=None)
-    part = worst.part if worst else max(_PARTS, key=lambda name: _size(steps[0] @ _PARTS[name], name))
-    of_part = tuple(place for place in places if place.part == part)
-    return Strand(curve, part, phi, steps @ _PARTS[part], of_part)
 
 
 def _size(values: Array, part: str) -> float:
@@ -110,20 +107,16 @@ def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) ->
     title = f"{strand.title}: residual {rms(strand.before_um):.1f}{after} µm rms"
     axes.set_title(title, fontsize=9, loc="left", fontweight="bold")
     axes.set_ylabel("less the model\nbegun with / µm", fontsize=8)
-    _headroom(axes, strand.before_um)
+    # Room above the curve for the joints' numbers
+    low, high = float(strand.before_um.min()), float(strand.before_um.max())
+    span = max(high - low, 1e-6)
+    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
     if named:
         _legend(axes, 3)
 
 
 def _legend(axes: Axes, columns: int) -> None:
     axes.legend(fontsize=7, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderpad=0)
-
-
-def _headroom(axes: Axes, values: Array) -> None:
-    """Room above the curve for the joints' numbers."""
-    low, high = float(values.min()), float(values.max())
-    span = max(high - low, 1e-6)
-    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
 
 
 def _draw_left(axes: Axes, strand: Strand, *, named: bool) -> None:

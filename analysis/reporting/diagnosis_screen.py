@@ -70,7 +70,10 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     for heading, body in sections:
         if body:
             shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
-    return Group(*shown, Text(f"\n{_footer(diagnosis)}", style="dim"))
+    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
+    noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
+    footer = f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"
+    return Group(*shown, Text(f"\n{footer}", style="dim"))
 
 
 def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
@@ -180,9 +183,3 @@ def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
             )
         )
     return list(lines)
-
-
-def _footer(diagnosis: Diagnosis) -> str:
-    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
-    noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
-    return f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"

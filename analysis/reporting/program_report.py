@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-import numpy as np
-
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.makers.target import WHY, Left
+from analysis.noise.readings import rms
 
 _LISTED = 30
 """So many of what was left are on the screen; corrections.yaml has all of them."""
@@ -43,7 +42,7 @@ def lines(program: CorrectedProgram) -> list[str]:
     ]
     if count:
         text_lines.append(
-            f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
+            f"  moved by up to {moved.max():.3f} mm, {rms(moved) if len(moved) else 0.0:.3f} mm rms; "
             f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
             f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )
@@ -112,7 +111,10 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             }
             for overruling in program.overruled[:_KEPT]
         ],
-        "moved_mm": {"largest": float(program.moved_mm.max(initial=0.0)), "rms": _rms(program.moved_mm)},
+        "moved_mm": {
+            "largest": float(program.moved_mm.max(initial=0.0)),
+            "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
+        },
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
         "outside_driven_ranges": sum(program.outside),
         "targets": [
@@ -144,10 +146,6 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left_count": len(program.left),
     }
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
 def _targets(count: int) -> str:

@@ -12,23 +12,22 @@ _FOUND = 0.02
 
 def remains_lines(remains: Remains, texts: Texts) -> list[str]:
     """Return what stays at places left out, and what it goes with or does not."""
-    looked = {one.subject: one.share for one in remains.looked if one.share is not None}
-    shares = [f"{texts(f'remains_{subject}')} {percent(share)}" for subject, share in looked.items() if share >= _FOUND]
-    none = [texts(f"remains_{subject}") for subject, share in looked.items() if share < _FOUND]
-    lines = [texts("remains", um=micrometres(remains.um), noise=micrometres(remains.noise_um))]
-    found = texts("remains_found", shares=", ".join(shares)) if shares else ""
+    shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
+    shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
+    none = [subject for subject, share in shares.items() if share < _FOUND]
+    goes_with = texts("remains_found", shares=", ".join(shown)) if shown else ""
     against = texts("remains_none", subjects=", ".join(none)) if none else ""
-    return [*lines, " ".join(filter(None, (found, against)))]
+    whole = texts("remains", um=micrometres(remains.um), noise=micrometres(remains.noise_um))
+    return [whole, " ".join(filter(None, (goes_with, against)))]
 
 
 def remains_rows(remains: Remains, texts: Texts) -> list[tuple[str, str]]:
     """Return a row for each thing that it was held against: what, and the share that it explains, or why it has
     none."""
-    return [
-        (
-            texts(f"remains_{one.subject}"),
-            texts("remains_unknown") if one.share is None else percent(one.share) if one.share >= _FOUND else
-            texts("remains_nothing"),
-        )
-        for one in remains.looked
-    ]  # fmt: skip
+
+    def words(share: float | None) -> str:
+        if share is None:
+            return texts("remains_unknown")
+        return percent(share) if share >= _FOUND else texts("remains_nothing")
+
+    return [(texts(f"remains_{looked.subject}"), words(looked.share)) for looked in remains.looked]

@@ -186,13 +186,11 @@ class Guide:
             cells = self._place.directory / "cells"
             write_all_over(cells, {name: holding(content) for name, content in files.items()})
 
-    def _nominal_steps(self) -> list[Step]:
-        return [step for step in self.session.steps if not step.program.endswith(FIXED)]
-
     def _programs(self, stage: Stage) -> dict[str, Program]:
         """The programs that may be driven at a stage now."""
         if stage.name not in self._known:
-            steps = [step for step in self._nominal_steps() if step.stage == stage.name]
+            nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
+            steps = [step for step in nominal if step.stage == stage.name]
             programs = programs_of_steps(self._rig, [stage], steps)
             corrected = self._corrected_programs() if self.session.correction else {}
             self._known[stage.name] = programs | {

@@ -109,7 +109,8 @@ class Gate:
         """Return the status and the reason for which a request is refused, 0 and nothing where it is not."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if _name(host) not in self.names:
+        name = (urlsplit(f"//{host}").hostname or "").lower()  # without port; of version 6 without its brackets
+        if name not in self.names:
             return 421, "This window is not served under that name; rig window --name NAME allows one."
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
         is_own = urlsplit(origin).netloc == host if origin else site in ("same-origin", "none")
@@ -172,11 +173,6 @@ def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
         return gate.wrong(scope)
     except ValueError:
         return 400, "The request is not understood."
-
-
-def _name(host: str) -> str:
-    """The name in a Host header, without port; an address of version 6 without its brackets."""
-    return (urlsplit(f"//{host}").hostname or "").lower()
 
 
 def _cookie(headers: Mapping[str, str]) -> str:

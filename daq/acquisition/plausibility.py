@@ -158,7 +158,13 @@ class PlausibilityCheck:
         for item in items:
             if not isinstance(item, Fault):
                 read = np.isfinite(np.atleast_2d(item.values))
-                in_error -= {place for place in in_error if _of_gauge(read, place).all(axis=1).any()}
+                # What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the
+                # whole row
+                in_error -= {
+                    place
+                    for place in in_error
+                    if (read if place is None else read[:, place : place + 1]).all(axis=1).any()
+                }
             elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
                 in_error.add(item.column)
                 doubts += self._count_error(stream if item.column is None else _name(columns[item.column]), item)
@@ -213,11 +219,6 @@ def _unit_changed(column: str, at_ns: int, before_mm: float, after_mm: float) ->
     return Fault(
         FaultKind.UNIT_CHANGED, at_ns, f"{observation}: did somebody press in/mm? Switch it back, and record again"
     )
-
-
-def _of_gauge(read: NDArray[np.bool_], place: int | None) -> NDArray[np.bool_]:
-    """What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the whole row."""
-    return read if place is None else read[:, place : place + 1]
 
 
 def _name(column: str) -> str:

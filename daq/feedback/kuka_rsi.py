@@ -49,19 +49,6 @@ def _answer(sentype: str, ipoc: str) -> bytes:
     return f'<Sen Type="{sentype}"><IPOC>{ipoc}</IPOC></Sen>'.encode()
 
 
-def _tags(feedback: KUKARSI) -> list[re.Pattern[bytes]]:
-    """An expression for each part of the condition: an element, or an attribute of one."""
-    expressions = []
-    for tag in feedback.condition.values():
-        element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
-        value = rb"\s*([^\s\"<>&]{1,40})\s*"
-        if attribute:
-            expressions.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
-        else:
-            expressions.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
-    return expressions
-
-
 def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
@@ -90,7 +77,16 @@ class _RSIDialect(Positions):
 
     def __init__(self, feedback: KUKARSI) -> None:
         check = "check that the program with RSI_ON runs, and that the controller sends to this address"
-        super().__init__(partial(_decode, _tags(feedback)), check, Order(feedback.cycle_ms, _IPOC_WRAP))
+        # An expression for each part of the condition: an element, or an attribute of one
+        expressions = []
+        for tag in feedback.condition.values():
+            element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
+            value = rb"\s*([^\s\"<>&]{1,40})\s*"
+            if attribute:
+                expressions.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
+            else:
+                expressions.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
+        super().__init__(partial(_decode, expressions), check, Order(feedback.cycle_ms, _IPOC_WRAP))
         self._onlysend = feedback.onlysend
         self._sentype = feedback.sentype
         self._delays = 0

@@ -89,7 +89,24 @@ class ControlServer:
 
     def start(self) -> None:
         """Listen, and accept connections. Raises CellError where the socket cannot be made."""
-        self._listener = _listen(self._path)
+        listener = socket.socket(socket.AF_UNIX)
+        before = os.umask(0o117)
+        try:
+            if (self._path.exists() or self._path.is_symlink()) and (
+                self._path.is_symlink() or not self._path.is_socket()
+            ):
+                raise CellError(str(self._path), "exists already and is not a socket", "give another --socket")
+            self._path.unlink(missing_ok=True)  # one that a dead daemon left, as the lock shows
+            listener.bind(str(self._path))
+            listener.listen(_MOST)
+        except (OSError, CellError) as error:
+            listener.close()
+            if isinstance(error, CellError):
+                raise
+            raise CellError(str(self._path), error.strerror or str(error), "give another --socket") from None
+        finally:
+            os.umask(before)
+        self._listener = listener
         self._thread.start()
 
     def close(self) -> None:
@@ -189,26 +206,6 @@ class ControlServer:
             connection.sock.close()
             self._open.discard(connection)
             self._changed.notify_all()
-
-
-def _listen(path: Path) -> socket.socket:
-    """Return the listening socket, in the place of one that a dead daemon left, as the lock shows."""
-    listener = socket.socket(socket.AF_UNIX)
-    before = os.umask(0o117)
-    try:
-        if (path.exists() or path.is_symlink()) and (path.is_symlink() or not path.is_socket()):
-            raise CellError(str(path), "exists already and is not a socket", "give another --socket")
-        path.unlink(missing_ok=True)
-        listener.bind(str(path))
-        listener.listen(_MOST)
-    except (OSError, CellError) as error:
-        listener.close()
-        if isinstance(error, CellError):
-            raise
-        raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
-    finally:
-        os.umask(before)
-    return listener
 
 
 def _refuse(connection: _Connection) -> None:

@@ -294,13 +294,8 @@ class Daemon:
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
-        self._feed_watchdog()
-
-    def _feed_watchdog(self) -> None:
-        """Feed the watchdog after each round of the recorder, but only while every reader runs as well."""
-        if watchdog_s() is None:
-            return
-        if all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
+        # The watchdog is fed after each round of the recorder, but only while every reader runs as well.
+        if watchdog_s() is not None and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
 

@@ -29,17 +29,20 @@ _CLOCKS = {
 
 def metrics_text(status: Status) -> str:
     """Return a `status` answer in Prometheus's text format."""
-    return render(_with_rig(metric, status["rig"]) for metric in _all(status))
-
-
-def _with_rig(metric: Metric, rig: str) -> Metric:
-    values = tuple(({"rig": rig, **labels}, value) for labels, value in metric.values)
-    return Metric(metric.name, metric.kind, metric.help, values)
+    rig = {"rig": status["rig"]}
+    return render(
+        Metric(
+            metric.name, metric.kind, metric.help, tuple(({**rig, **labels}, value) for labels, value in metric.values)
+        )
+        for metric in _all(status)
+    )
 
 
 def _all(status: Status) -> Iterator[Metric]:
     yield from _streams(status["streams"], status[HOST])
-    yield from _clocks(status["clocks"])
+    for key, (name, words) in _CLOCKS.items():
+        values = (({"stream": s}, clock[key]) for s, clock in status["clocks"].items() if clock[key] is not None)
+        yield Metric(name, "gauge", words, tuple(values))
     yield from _recording(status)
     yield from _automatic(status["automatic"])
     disk = status["disk"]
@@ -78,12 +81,6 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         for column, age_s in stream["age_s"].items()
     )
     yield Metric("rig_reading_age_seconds", "gauge", "Since the last good value; none where none came yet.", ages)
-
-
-def _clocks(clocks: Mapping[str, Mapping[str, float]]) -> Iterator[Metric]:
-    for key, (name, words) in _CLOCKS.items():
-        values = (({"stream": stream}, clock[key]) for stream, clock in clocks.items() if clock[key] is not None)
-        yield Metric(name, "gauge", words, tuple(values))
 
 
 def _recording(status: Status) -> Iterator[Metric]:

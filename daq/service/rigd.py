@@ -23,7 +23,7 @@ from daq.store.ledger import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import find, is_shipped, load
-from rigs.signals import ignore_interrupts
+from rigs.signals import end_from, ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(
@@ -88,7 +88,7 @@ def rigd(
         for line in error.lines():
             typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
-    end = ends.get()
+    end = end_from(ends)
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:

@@ -89,19 +89,16 @@ def look(run: Path) -> RunInfo:
         ended_s = datetime.fromisoformat(manifest.ended or manifest.started).timestamp()
     except (FileError, ValueError):
         return RunInfo(run, None, None, "damaged", size, changed_s)
-    return RunInfo(run, manifest, marks, _status(run, manifest), size, ended_s)
+    status: str = manifest.exit_status
+    if status == "recording" or any(run.glob("*.arrow")):
+        status = "recording" if durable.may_be_locked(run) else "crashed"
+    return RunInfo(run, manifest, marks, status, size, ended_s)
 
 
 def _size(file: Path) -> int:
     with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
         return file.stat().st_size
     return 0
-
-
-def _status(run: Path, manifest: Manifest) -> str:
-    if manifest.exit_status != "recording" and not any(run.glob("*.arrow")):
-        return manifest.exit_status
-    return "recording" if durable.may_be_locked(run) else "crashed"
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:

@@ -41,6 +41,7 @@ def parse(texts: Texts) -> Parsed:
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
+    reader.of |= dict.fromkeys(_NULL, len(blank))  # of a module of the system, BASE.sys, which may stand beside
     for file in range(len(blank)):
         _declare(reader, file, stated)
     for text in blank:
@@ -115,32 +116,33 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
                 reader.points.declare(name, target, reason)
                 if not local:
                     reader.shared.add(name)
-        elif kind in ("tooldata", "wobjdata") and (of_program or not local):
-            _declare_frame(reader, file, kind, declared, stated, of_program=of_program)
+        elif kind in ("tooldata", "wobjdata"):
+            _declare_frame(reader, file, kind, declared, stated, shares=not local)
     reader.declares.append(declares)
 
 
 def _declare_frame(
-    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, of_program: bool
+    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
 ) -> None:
-    """Take a tool or work object; one without numbers is that of its name, which a person can state."""
+    """Take a tool or work object; one without numbers is that of its name, which a person can state. A name for two is
+    unknown, unless it stands for persistent data that tasks share, with the same numbers."""
     what: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
     name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
     part = f"{what} {name}"
     reader.frames.add(part)
-    if part in stated:
-        if of_program or reader.of.get(part) != 0:
-            reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
-        return
-    reader.of[part] = 0 if of_program else file
     frames = literal_frames(kind, declared["value"] or "")
+    value: Value = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
     if frames is not None:
-        stated[part] = as_value(frames)
-        reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+        value = as_value(frames)
     elif declared["value"] is None:
-        stated[part] = name
-    else:
-        stated[part] = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
+        value = name
+    shared_by = file if shares and declared["storage"].upper() == "PERS" else -1
+    if part not in stated:
+        stated[part], reader.of[part] = value, shared_by
+        if frames is not None:
+            reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+    elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
+        reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
 
 
 READER = ProgramReader(

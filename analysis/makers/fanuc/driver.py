@@ -108,8 +108,8 @@ class _Controller:
             if line.startswith("  !"):
                 if len(line) > 3 + 32:
                     raise ProgramError(f"the remark {line!r} is longer than 32 characters")
-            elif not (self._moves(line) or self._sets(line) or self._acts(line)):
-                raise ProgramError(f"{line!r} is not an instruction")
+            elif not self._moves(line):
+                self._act(line)
 
     def _moves(self, line: str) -> bool:
         if match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
@@ -127,7 +127,7 @@ class _Controller:
             self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
         return bool(match)
 
-    def _sets(self, line: str) -> bool:
+    def _act(self, line: str) -> None:
         if match := re.fullmatch(r"  UFRAME_NUM=(\d)", line):
             self._frame = int(match[1])
         elif match := re.fullmatch(r"  UTOOL_NUM=(\d)", line):
@@ -139,16 +139,14 @@ class _Controller:
             self._register[int(match[1])][int(match[2]) - 1] = float(match[3] or match[4])
         elif match := re.fullmatch(r"  UTOOL\[(\d)\]=PR\[(\d+)\]", line):
             self._tools[int(match[1])] = _pose(self._register[int(match[2])])
-        return bool(match)
-
-    def _acts(self, line: str) -> bool:
-        if match := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
+        elif match := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
             self._machine.wait(float(match[1]))
         elif match := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
             self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
-        elif match := re.fullmatch(r"  PAUSE", line):
+        elif line == "  PAUSE":
             self._machine.events.append(Held())
-        return bool(match)
+        else:
+            raise ProgramError(f"{line!r} is not an instruction")
 
     def _at(self, number: str) -> _Position:
         if int(number) not in self._positions:

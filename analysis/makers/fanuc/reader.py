@@ -66,7 +66,8 @@ _LINE = re.compile(r"^[ \t]*(?:(?P<number>\d+)[ \t]*)?:(?P<body>[^\n]*)", re.MUL
 _POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
 _ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
 _POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
-_MOVE = re.compile(r"(?P<kind>[JLCAS])\s+(?P<point>PR?\[[^\]]*\])\s*(?P<second>PR?\[[^\]]*\])?(?P<rest>.*)")
+_INSIDE = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_MOVE = re.compile(rf"(?P<kind>[JLCAS])\s+(?P<point>PR?{_INSIDE})\s*(?P<second>PR?{_INSIDE})?(?P<rest>.*)")
 _OFFSET = re.compile(r"\b(?:Tool_)?Offset\b(?:\s*,\s*PR\[[^\]]*\])?|\bVOFFSET\b(?:\s*,\s*VR\[[^\]]*\])?", re.IGNORECASE)
 _SPEED = r"(?:\d+(?:\.\d*)?|\.\d+|A?R\[[^\]]*\])\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|sec|msec)|max_speed|WELD_SPEED"
 _OPTIONS = re.compile(
@@ -75,11 +76,13 @@ _OPTIONS = re.compile(
     re.IGNORECASE,
 )
 """What stands behind a target and changes neither where it is nor how it is reached."""
-_SKIP = re.compile(r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*PR\[[^\]]*\]\s*=\s*[LJ]POS)?", re.IGNORECASE)
+_SKIP = re.compile(
+    r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*(?P<register>PR\[.*?\]\s*=\s*[LJ]POS))?", re.IGNORECASE
+)
 _ALONG = re.compile(r"\b(?:TA|TB|DB|TIME\s+(?:BEFORE|AFTER))\s+[^,;]*,\s*(?P<action>[^;]*)", re.IGNORECASE)
 _ASSIGNED = re.compile(
-    r"(?:P|PR|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
-    r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]\s*(?:,\s*\S+\s*)?=.*"
+    r"(?:P|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
+    rf"{_INSIDE}\s*(?:,\s*\S+\s*)?=.*"
 )
 _NOTHING = re.compile(
     r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|"
@@ -98,7 +101,7 @@ _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)"
 system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
 nowhere, so they have to be the same."""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
-_REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?([^\],:]*)(?::[^\],]*)?(?:,\s*([^\]:]*)[^\]]*)?\]\s*=\s*(.*)")
+_REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
 _CALL = re.compile(r"CALL\s+([\w-]+)\s*(?:\(.*\))?", re.IGNORECASE)
 _RUN = re.compile(r"(?:RUN\s+|MONITOR\s+(?!END)|ERROR_PROG\s*=\s*|RESUME_PROG[^=]*=\s*)([\w-]+)", re.IGNORECASE)
@@ -318,7 +321,8 @@ def _register(text: str, why: Unknown) -> Value | Built:
 
 def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
     """Take an assignment to a position register, or to one of its numbers."""
-    number, axis, right = assignment[1].strip(), (assignment[2] or "").strip(), assignment[3].strip().strip("()")
+    index, _, axis = assignment[1].partition(",")
+    number, axis, right = index.partition(":")[0].strip(), axis.strip(), assignment[2].strip().strip("()")
     why = reader.why(f"{assignment[0]} sets it")
     if not number.isdigit():
         reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))
@@ -391,6 +395,8 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
         if text:
             _target(reader, move["kind"], text, place, options)
     if skip:
+        if register := _REGISTER.fullmatch(skip["register"] or ""):
+            _set_register(reader, register)
         reader.blocks.add(Elsewhere(), Jump(_labels(reader, skip[0]), falls=True))
     if along:
         reader.blocks.branch()
@@ -423,10 +429,10 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     offset = _OFFSET.findall(rest)
     relative = re.search(r"\bINC\b", rest, re.IGNORECASE)
     if point is None or reader.file or not reader.points.knows(point[1]):
-        if not text.startswith("PR") and (offset or relative):
-            _mentioned(reader, text)
         literal = point is not None and not reader.file
         reader.leave(line, text, "not_literal" if literal else "computed")
+        if point is None and not text.startswith("PR") and not reader.file:
+            _any_target(reader, kind, line, rest)
         blocks.add(Elsewhere())
         return
     if relative:
@@ -455,6 +461,16 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     key = f"{point[1]}@{line}" if offset else point[1]
     base = point[1] if offset else ""
     blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, missing, base))
+
+
+def _any_target(reader: _Reader, kind: str, line: int, rest: str) -> None:
+    """Take a move to a point that a register names: to any of them."""
+    reader.blocks.cases()
+    for key in tuple(reader.points.keys()):
+        reader.blocks.other()
+        reader.blocks.guard()
+        _target(reader, kind, f"P[{key}]", line, rest)
+    reader.blocks.close()
 
 
 READER = ProgramReader(

@@ -44,13 +44,27 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program and its data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
-    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    c, b, a = fixed_xyz_deg(T)
+    begin = f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, points))]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
     calls = [f'RSI_CREATE("{RSI_CONTEXT}", rsi_context, TRUE)', "RSI_ON(#RELATIVE)"] if sensor else []
     on = [line for call in calls for line in (f"rsi_state = {call}", "IF (rsi_state <> RSIOK) THEN", "HALT", "ENDIF")]
-    steps = _without_repeats([*_settings(plan), *on, *moves])
+    settings = [
+        "BAS(#INITMOV,0)",
+        f"$TOOL = {_frame(plan.arm.T_flange_tool)}",
+        "$BASE = $ROBROOT",
+        _speed(_FIRST_MM_S),
+        f"$ACC.CP = {fixed(ACCELERATION_MM_S2 / 1e3, 4)}",
+        f"$APO.CDIS = {fixed(ZONE_MM, 2)}",
+        "$ORI_TYPE = #VAR",
+        f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
+    ]
+    steps = _without_repeats([*settings, *on, *moves])
     body = [*comments, *declared, *steps]
     source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
     data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
@@ -69,26 +83,6 @@ def _without_repeats(lines: list[str]) -> list[str]:
             assigned_values[name] = value
         kept.append(line)
     return kept
-
-
-def _settings(plan: Plan) -> list[str]:
-    return [
-        "BAS(#INITMOV,0)",
-        f"$TOOL = {_frame(plan.arm.T_flange_tool)}",
-        "$BASE = $ROBROOT",
-        _speed(_FIRST_MM_S),
-        f"$ACC.CP = {fixed(ACCELERATION_MM_S2 / 1e3, 4)}",
-        f"$APO.CDIS = {fixed(ZONE_MM, 2)}",
-        "$ORI_TYPE = #VAR",
-        f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
-    ]
-
-
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    c, b, a = fixed_xyz_deg(T)
-    return f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
 
 
 def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:

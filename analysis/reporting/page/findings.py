@@ -31,24 +31,21 @@ class Finding:
 
 def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
     """The faults of a diagnosis, the one that makes most of the error first."""
-    return [
-        _finding(diagnosis, named, texts) for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um)
-    ]
-
-
-def _finding(diagnosis: Diagnosis, named: Named, texts: Texts) -> Finding:
-    words = AnswerWords(diagnosis, texts)
-    rivals = " · ".join(_said(words, rival.effect, rival) for rival in likely_rivals(named))
-    twins = texts("and").join(words.noun(twin) for twin in named.twins)
-    others = [texts("rivals", others=rivals)] if rivals else []
-    others += [texts("twins", others=twins)] if twins else []
-    return Finding(
-        what=_said(words, named.effect, named),
-        where=_where(diagnosis, named, texts),
-        share=_share(diagnosis, named, texts),
-        others=tuple(others),
-        sure=texts("sure", share=sure(named.posterior)),
-    )
+    words, findings = AnswerWords(diagnosis, texts), []
+    for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
+        rivals = " · ".join(_said(words, rival.effect, rival) for rival in likely_rivals(named))
+        twins = texts("and").join(words.noun(twin) for twin in named.twins)
+        others = [texts("rivals", others=rivals)] if rivals else []
+        others += [texts("twins", others=twins)] if twins else []
+        finding = Finding(
+            what=_said(words, named.effect, named),
+            where=_where(diagnosis, named, texts),
+            share=_share(diagnosis, named, texts),
+            others=tuple(others),
+            sure=texts("sure", share=sure(named.posterior)),
+        )
+        findings.append(finding)
+    return findings
 
 
 def _said(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:

@@ -27,10 +27,16 @@ _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
 """Unit and factor in which a compared curve is drawn."""
 
 
+_ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
+
+
 def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> list[Chart]:
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
-    charts, ticks = [], _ticks(group[0])
+    # The names of the places of a repeatability run: each target from outside and from inside
+    targets = group[0].found.targets if isinstance(group[0].found, RepeatabilityResult) else ()
+    places = (f"{target} {_ARROWS[side]}" for target in targets for side in SIDES)
+    charts, ticks = [], tuple((float(place), name) for place, name in enumerate(places))
     for title in dict.fromkeys(comparison.result.title for comparison in before):
         x, measured, simulated = _means(before, title)
         unit, factor = _IN_PICTURE[before[0].unit]
@@ -41,22 +47,12 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
             name = texts("simulated_with")
             lines.append(Line(name, "after", x, with_effects, points=before[0].unit == "mm"))
         straight = before[0].unit == "deg"
-        x_label = (
-            texts("circle_angle") if straight else texts("target" if group[0].test == "radial" else "target_and_side")
-        )
+        x_label = texts(_ALONG[group[0].measured.table.kind.along])
         chart_title, caption = texts("chart_simulated", what=title), texts("caption_simulated")
         y_label = f"{texts('error')} / {unit}"
         frame = "straight" if straight else "targets"
         charts.append(Chart(chart_title, caption, frame, x_label, y_label, unit, tuple(lines), ticks=ticks))  # type: ignore[arg-type]
     return charts
-
-
-def _ticks(result: Result) -> tuple[tuple[float, str], ...]:
-    """The names of the places of a repeatability run: each target from outside and from inside."""
-    if not isinstance(result.found, RepeatabilityResult):
-        return ()
-    names = [f"{target} {_ARROWS[side]}" for target in result.found.targets for side in SIDES]
-    return tuple((float(place), name) for place, name in enumerate(names))
 
 
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:

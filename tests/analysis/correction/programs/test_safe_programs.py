@@ -115,6 +115,26 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a tool set by a secondary program": (
         "sec t():\n" + OTHER + "end\ndef prog():\n" + TCP + "movej({q0})\nmovel({p1})\nend\n", [(7, "unknown_tool")]
     ),
+    "a text that does not end in its line": (
+        TCP + "movej({q0})\ntextmsg(\"a\n" + OTHER + "\")\nmovel({p1})\n",
+        [(2, "not_understood"), (6, "not_understood")],
+    ),
+    "a call that a condition may skip": (
+        "def chg():\n" + OTHER + "return a\nend\n" + TCP + "movej({q0})\nb = a and chg()\nmovel({p1})\n",
+        [(8, "unknown_tool")],
+    ),
+    "one of several lines": (
+        "def chg():\n" + OTHER + "return a\nend\n" + TCP
+        + "movej({q0})\nif (a or\nb == 1 or\nchg()):\nend\nmovel({p1})\n",
+        [(11, "unknown_tool")],
+    ),
+    "one with a condition as its argument": (
+        "def chg(a):\n" + OTHER + "end\n" + TCP + "movej({q0})\nchg(a and b)\nmovel({p1})\n", []
+    ),
+    "a point that is a tool, too": (
+        TCP + "a = {p1}\nmovej({q0})\nmovel(a)\nset_tcp(a)\n", [(2, "changed")]
+    ),
+    "a stream of poses": (TCP + "movej({q0})\nservoc({p1}, 1.2, 0.25)\n", []),
     "two variables of one name": (
         TCP + "a = {p1}\nmovej({q0})\nmovel(a)\na = {p2}\nmovel(a)\n", [(2, "changed"), (5, "changed")]
     ),
@@ -361,6 +381,42 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
             "b.dat": "DEFDAT b\nIMPORT DECL E6POS XQ IS /R1/A..XP\nENDDAT\n",
         },
         [(2, "changed")],
+    ),
+    "an own routine of a system's name": (
+        {"a.src": HEAD + "PTP {q0}\nBAS(#VEL_PTP,50)\nLIN {p1}\nEND\nDEF BAS(c:IN,n:IN)\n$BASE.X=1\nEND\n"},
+        [(6, "unknown_frame")],
+    ),
+    "two of them": (
+        {
+            "a.src": HEAD + 'MsgNotify("x")\nPTP {p1}\nEND\n',
+            "b.src": "DEF b()\nEND\nGLOBAL DEF MsgNotify(c[]:IN)\nEND\n",
+            "c.src": "DEF c()\nEND\nGLOBAL DEF MsgNotify(c[]:IN)\n$BASE.X=1\nEND\n",
+        },
+        [(5, "not_understood")],
+    ),
+    "a flag that is evaluated all the time": (
+        {"a.src": "DEF a()\n$CYCFLAG[1]=at()\n" + HEAD[8:] + "PTP {p1}\nEND\nDEFFCT BOOL at()\n$BASE.X=1\nRETURN TRUE\n"
+         "ENDFCT\n"},
+        [(5, "unknown_frame")],
+    ),
+    "a function that a condition may skip": (
+        {"a.src": HEAD + "IF x AND at() THEN\nENDIF\nPTP {p1}\nEND\nDEFFCT BOOL at()\n$BASE=$NULLFRAME\nRETURN TRUE\n"
+         "ENDFCT\n"},
+        [(6, "unknown_frame")],
+    ),
+    "a list of bases of its own": (
+        {
+            "a.src": HEAD + "PTP {p1}\nEND\n",
+            "a.dat": "DEFDAT a\nDECL FRAME BASE_DATA[8]\nBASE_DATA[2]={X 9,Y 0,Z 0,A 0,B 0,C 0}\nENDDAT\n",
+        },
+        [(4, "not_understood")],
+    ),
+    "that of the system": (
+        {
+            "a.src": HEAD + "PTP {p1}\nEND\n",
+            "$config.dat": "DEFDAT $CONFIG\nDECL FRAME BASE_DATA[8]\nBASE_DATA[2]={X 9,Y 0,Z 0,A 0,B 0,C 0}\nENDDAT\n",
+        },
+        [],
     ),
     "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (
