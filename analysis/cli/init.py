@@ -102,7 +102,7 @@ def init(
     keys = keys_of(key or ())
     options = Options(
         path=rig_file,
-        name=name or _name_of(rig_file),
+        name=name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell",
         measured_by=measured_by,
         robot=robot,
         ports=tuple(port or ()),
@@ -152,11 +152,6 @@ def _found(options: Options) -> dict[str, object]:
     with progress_of("looking at the ports") as doing:
         ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
     return {"ports_here": ports_here(), "ports": ports, "robots": robots}
-
-
-def _name_of(rig_file: Path) -> str:
-    """A rig's name from that of its file: lower case, digits, - and _."""
-    return re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
 
 
 def next_steps(rig_file: Path) -> list[str]:

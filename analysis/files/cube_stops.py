@@ -35,13 +35,13 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
-        what = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
+        problem = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
         remedy = "check tests.iso9283 of the rig file and the unit; of other poses add the joint angles (--join)"
-        raise FileError(raw.where, what, remedy)
+        raise FileError(raw.where, problem, remedy)
     if (pose == 0).any():
-        what = "this place is none of the cube's poses"
+        problem = "this place is none of the cube's poses"
         lines = raw.lines[pose == 0].tolist()
-        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], what) for line in lines[:20]])
+        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], problem) for line in lines[:20]])
     columns = dict(zip(joint_columns(cube.q.shape[1]), np.degrees(cube.q[pose - 1]).T, strict=True))
     cells = raw.cells
     for name, values in columns.items():

@@ -21,7 +21,7 @@ import numpy as np
 
 from analysis.files.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
 from analysis.kinematics.arm import Integers, Mask
-from analysis.traces.align import Aligned, align_streams
+from analysis.traces.align import align_streams
 from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -85,7 +85,14 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
         *aligned.doubts,
         "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
     ]
-    return _csv(aligned, u_lag_s), tuple(doubts)
+    gauge_columns = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
+    shared = np.full(len(aligned.t_s), u_lag_s)
+    rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauge_columns, "u_t_s", "u_lag_s"])
+    writer.writerows(rows.tolist())
+    return text.getvalue().encode(), tuple(doubts)
 
 
 def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
@@ -137,7 +144,10 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
     tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
-    tracks |= {f"/{name}": _Track(NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
+    tracks |= {
+        f"/{name}": _Track(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
+        for name, _ in rig.gauges
+    }
     kinds: dict[str, str] = {}
     for message in messages_of(bag):
         kinds[message.topic] = message.kind
@@ -145,27 +155,16 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         if track and message.kind == track.schema:
             track.add(message.log_ns, message.sent_ns, message.data)
             if len(track.ns) > _MOST_MESSAGES:
-                what = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
-                raise FileError(where, what, "import it in several runs")
+                problem = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
+                raise FileError(where, problem, "import it in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
-            what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
+            problem = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
             raise FileError(
-                where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
+                where, problem, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             )
     return tracks
-
-
-def _csv(aligned: Aligned, u_lag_s: float) -> bytes:
-    gauges = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
-    shared = np.full(len(aligned.t_s), u_lag_s)
-    rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauges, "u_t_s", "u_lag_s"])
-    writer.writerows(rows.tolist())
-    return text.getvalue().encode()
 
 
 def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
@@ -174,7 +173,3 @@ def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
     if not set(names) <= placed.keys():
         return None
     return stamp_ns, [float(np.degrees(placed[name])) for name in names]
-
-
-def _number(data: bytes) -> Message | None:
-    return NO_STAMP, [number(data)]

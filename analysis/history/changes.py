@@ -217,7 +217,17 @@ def _changes(values: Array, series: int) -> list[Change]:
         return []
     step, rise = _refined(values, step), _refined(values, rise)
     best = rise if rise.score > step.score + _SLOWER else step
-    change = _fitted(values, best, float(chance))
+    # The change with its levels, by generalised least squares
+    shape = rises(count, np.array([best.first]), np.array([best.last]))
+    design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
+    white = best.noise.rows @ values
+    (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
+    residuals = white - design @ np.array([level, size])
+    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
+    is_last = best.last == count - 1 and best.last - best.first > 1
+    change = Change(
+        best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), float(chance), is_last
+    )
     earlier = _changes(values[: best.first + 1], series)
     later = _changes(values[best.last :], series)
     # A rise that ends where the runs before the next change end has not reached the last run.
@@ -266,16 +276,3 @@ def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, A
     squares = np.maximum(total - (unit.T @ white) ** 2, 1e-12 * total)
     scores: Array = -count / 2 * np.log(squares) - noise.half_log_det
     return -count / 2 * float(np.log(total)) - noise.half_log_det, scores
-
-
-def _fitted(values: Array, best: _Best, chance: float) -> Change:
-    """The change with its levels, by generalised least squares."""
-    count = len(values)
-    shape = rises(count, np.array([best.first]), np.array([best.last]))
-    design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
-    white = best.noise.rows @ values
-    (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
-    residuals = white - design @ np.array([level, size])
-    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
-    is_last = best.last == count - 1 and best.last - best.first > 1
-    return Change(best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), chance, is_last)

@@ -121,7 +121,7 @@ def history_of(
     picked = [
         (title, name, with_figure)
         for title, group in _programs(runs)
-        for name in (_wanted(group, tolerances) if figure is None else [figure])
+        for name in (_watched(group, tolerances) if figure is None else [figure])
         if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
     series = []
@@ -133,7 +133,7 @@ def history_of(
     return History(collected, tuple(series))
 
 
-def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
+def _watched(group: Sequence[Record], limits: Limits) -> list[str]:
     """The figures of runs of one test that are watched, and those that have a limit."""
     names = {name for run in group for name in run.figures}
     limited = sorted(name for name in names.difference(WATCHED) if limits.of(group[0].test, name) is not None)

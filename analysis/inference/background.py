@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -78,13 +78,14 @@ class FittedTerms:
 @dataclass(frozen=True, eq=False)
 class Background:
     """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
-    coefficients of all columns, and the weighted products X'WX (p, p) of the columns."""
+    coefficients of all columns. `gram` makes the weighted products X'WX (p, p) of the columns, which its factor alone
+    needs, so that a background that is kept does not hold them."""
 
     columns: Columns
     weight: Array
     variance: Array
     mean: Array
-    gram: Array
+    gram: Callable[[], Array]
     _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
     _weighed: WeakKeyDictionary[Response, Weighed] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
@@ -98,7 +99,7 @@ class Background:
         """The lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
-        M = self._root[:, None] * self.gram
+        M = self._root[:, None] * self.gram()
         M *= self._root
         M[np.diag_indices_from(M)] += 1.0
         return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
@@ -415,7 +416,7 @@ class Posterior:
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
     """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
     mean = np.zeros(len(variance)) if mean is None else mean
-    return Background(columns, weight, variance, mean, columns.weighted_gram(weight))
+    return Background(columns, weight, variance, mean, partial(columns.weighted_gram, weight))
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:

@@ -367,7 +367,7 @@ class Columns:
     @cached_property
     def parts(self) -> list[Array]:
         """The whitened columns (n, p) of each band."""
-        return [self.X[rows] for rows in self.rows]
+        return [self.X] if len(self.rows) == 1 else [self.X[rows] for rows in self.rows]
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
@@ -381,7 +381,7 @@ class Columns:
     @cached_property
     def gram(self) -> Array:
         """The products (p, p) of the whitened columns over all bands."""
-        gram: Array = self.K.sum(axis=0)
+        gram: Array = self.K[0] if len(self.K) == 1 else self.K.sum(axis=0)
         return gram
 
     def weighted_gram(self, weight: Array) -> Array:

@@ -92,7 +92,7 @@ class PlannedPoses:
         beside = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
-                f"each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
+                "each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
                 f"its play; {beside}: measure some as well to calibrate the arm"
             )
         else:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from analysis.live.cell import Cell, cell_of
 from analysis.live.rows import Rows
@@ -14,7 +13,7 @@ from analysis.live.view import LiveView, Played, Reading, Update
 from analysis.traces.align import align
 from analysis.traces.csv_tables import table_from
 from analysis.traces.tables import CircleTable
-from daq.store import Run, read_run
+from daq.store import read_run
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.schema.vocabulary import Direction, TestName
@@ -85,10 +84,18 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     """Read a run to be played. Raises FileError where it cannot be read, or holds no times."""
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
-    motion = align(path, run, rig) if run.table is None else _imported(path, run, run.table)
-    g_mm = np.full((len(motion.g_mm), 2), np.nan)  # nan for a gauge that the test does not use
-    g_mm[:, : motion.g_mm.shape[1]] = motion.g_mm
-    rows = Rows(motion.t_s, g_mm, motion.q)
+    if run.table is None:
+        aligned = align(path, run, rig)
+        t_s, q, readings = aligned.t_s, aligned.q, aligned.g_mm
+    else:
+        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        if not isinstance(table, CircleTable):
+            problem = f"is a {run.manifest.test} table, which holds targets and no motion"
+            raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
+        t_s, q, readings = table.t_s, table.q, table.g_mm
+    g_mm = np.full((len(readings), 2), np.nan)  # nan for a gauge that the test does not use
+    g_mm[:, : readings.shape[1]] = readings
+    rows = Rows(t_s, g_mm, q)
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
     rows = rows.taken(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
@@ -96,11 +103,3 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     zero_mm = manifest.view_zero_mm or (0.0, 0.0)
     label = (manifest.name, manifest.test, manifest.direction)
     return PlayedRun(*label, cell_of(rig), manifest.rig_sha256, rows, speed, zero_mm)
-
-
-def _imported(path: Path, run: Run, rows: pa.Table) -> CircleTable:
-    table = table_from(rows, run.manifest.test, run.manifest.direction, str(path))
-    if not isinstance(table, CircleTable):
-        problem = f"is a {run.manifest.test} table, which holds targets and no motion"
-        raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
-    return table

@@ -64,7 +64,12 @@ class Joiner:
 
     def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
         """Return the joiner with new samples of the instruments, and the rows that can be made now."""
-        tracks = {**self.tracks, **{name: _later(self.tracks.get(name), track) for name, track in new.items()}}
+        tracks = {**self.tracks, **new}
+        for name, newer in new.items():
+            if (track := self.tracks.get(name)) is not None and len(track.t_s):
+                later = newer.t_s > track.t_s[-1]  # what is out of order is left out
+                values = np.concatenate([track.values, newer.values[later]], axis=0)
+                tracks[name] = Track(np.concatenate([track.t_s, newer.t_s[later]]), values)
         tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
         if not tracks:
             return self, NO_ROWS
@@ -85,16 +90,6 @@ class Joiner:
 
 
 NO_TRACKS = Joiner({})
-
-
-def _later(track: Track | None, newer: Track) -> Track:
-    """A track with newer samples; what is out of order is left out."""
-    if track is None or not len(track.t_s):
-        return newer
-    later = newer.t_s > track.t_s[-1]
-    return Track(
-        np.concatenate([track.t_s, newer.t_s[later]]), np.concatenate([track.values, newer.values[later]], axis=0)
-    )
 
 
 def _at(t_s: Array, track: Track | None, count: int) -> Array:

@@ -18,7 +18,7 @@ from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import SAME_RAD, within_limits
 from analysis.kinematics.newton import conditioning
-from analysis.makers.target import Flags, Reason, Step, Target, Way
+from analysis.makers.target import AT_BEGIN, Flags, Reason, Step, Target, Way
 from analysis.robot_programs.ways import straight
 from rigs.errors import FileError
 
@@ -48,14 +48,20 @@ _LONGEST_MM = 1e4
 
 
 def solved(
-    arm: Arm, targets: Sequence[Target], poses: Array, joint_angles: Array, steps: Sequence[Step]
+    arm: Arm,
+    targets: Sequence[Target],
+    poses: Array,
+    joint_angles: Array,
+    steps: Sequence[Step],
+    start: Sequence[float] | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
     `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
-    each nan where the target is of the other kind.
+    each nan where the target is of the other kind. `start` (6,) rad are those at which the arm stands when the program
+    begins, if they are known.
     """
-    q = joint_angles.copy()
+    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # the last at AT_BEGIN
     reasons: dict[int, Reason] = {}
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     branches = dict(zip(asked, _branches(arm, poses[asked]), strict=True)) if asked else {}
@@ -73,7 +79,7 @@ def solved(
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
             reasons[k] = "no_posture"
-    return q, reasons
+    return q[:AT_BEGIN], reasons
 
 
 def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:

@@ -23,6 +23,7 @@ Reason = Literal[
     "computed",
     "not_literal",
     "handed",
+    "array",
     "arc",
     "changed",
     "offset",
@@ -56,6 +57,7 @@ WHY: dict[Reason, str] = {
     "computed": "is computed by the program",
     "not_literal": "is not a point with numbers in this program",
     "handed": "is given to a routine, which may move to it in a tool, a frame or a posture of its own",
+    "array": "is in an array, whose elements are not followed",
     "arc": "is of an arc of a number of degrees, which does not end at its target",
     "changed": "is also used, or assigned, elsewhere in the program",
     "offset": "is used with an offset that is not known, or whose place needs another correction than the point",
@@ -152,10 +154,15 @@ class Left:
     because: tuple[Unknown, ...] = ()
 
 
+AT_BEGIN = -1
+"""The place in the list of targets for where the arm stands when the program begins."""
+
+
 @dataclass(frozen=True)
 class Step:
     """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
-    certain place; by its flags of posture, or else in the posture in which the arm comes."""
+    certain place, AT_BEGIN for where it stands at the beginning; by its flags of posture, or else in the posture in
+    which the arm comes."""
 
     target: int
     comes_from: frozenset[int | None]
@@ -244,15 +251,6 @@ def in_one_line(text: str, closes: dict[int, int]) -> str:
             parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
             at = closes[opening]
     return "".join((*parts, text[at:]))
-
-
-_EITHER = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
-
-
-def may_be_skipped(text: str, begin: int, end: int) -> bool:
-    """Return whether a controller may leave out what stands at `end` of an expression that begins at `begin`: behind
-    `and` and `or`, since no manual says that both sides are evaluated."""
-    return _EITHER.search(text, begin, end) is not None
 
 
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:

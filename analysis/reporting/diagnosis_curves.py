@@ -90,7 +90,13 @@ def draw_circles(figure: SubFigure, strands: Sequence[Strand], *, effects: bool)
         panels = straight.subplots(2 if effects else 1, 1, sharex=True, squeeze=False)[:, 0]
         _draw_readings(panels[0], strand, effects=effects, named=place == 0)
         if effects:
-            _draw_left(panels[1], strand, named=place == 0)
+            after = panels[1]
+            after.axhline(0.0, color=GREY, lw=0.6)
+            after.plot(strand.phi_deg, strand.before_um, color=MEASURED, lw=0.7, alpha=0.45, label="residual before")
+            after.plot(strand.phi_deg, strand.after_um, color=LEFT, lw=0.9, label="residual after")
+            after.set_ylabel("residual / µm", fontsize=8)
+            if place == 0:
+                _legend(after, 2)
         for axes in panels:
             _draw_marks(axes, strand, numbered=axes is panels[0])
         panels[-1].set_xlabel("circle angle φ / °" if place == len(strands) - 1 else "", fontsize=8)
@@ -117,15 +123,6 @@ def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) ->
 
 def _legend(axes: Axes, columns: int) -> None:
     axes.legend(fontsize=7, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderpad=0)
-
-
-def _draw_left(axes: Axes, strand: Strand, *, named: bool) -> None:
-    axes.axhline(0.0, color=GREY, lw=0.6)
-    axes.plot(strand.phi_deg, strand.before_um, color=MEASURED, lw=0.7, alpha=0.45, label="residual before")
-    axes.plot(strand.phi_deg, strand.after_um, color=LEFT, lw=0.9, label="residual after")
-    axes.set_ylabel("residual / µm", fontsize=8)
-    if named:
-        _legend(axes, 2)
 
 
 def _draw_marks(axes: Axes, strand: Strand, *, numbered: bool) -> None:

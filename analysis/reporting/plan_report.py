@@ -183,18 +183,13 @@ def _hidden(plan: Plan) -> RenderableType:
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        text = (
-            f"{test}, {_range([sight.further[0].sigma for sight in sights])} σ at a healthy size"
-            if test
-            else "no test here"
-        )
+        text = "no test here"
+        if test:
+            sigmas = [sight.further[0].sigma for sight in sights]
+            ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # one where both are alike
+            text = f"{test}, {' … '.join(ends)} σ at a healthy size"
         table.add_row("\n".join(names), why, text)
     return whole(table)
-
-
-def _range(sigmas: Sequence[float]) -> str:
-    low, high = f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"
-    return low if low == high else f"{low} … {high}"
 
 
 def _advice(plan: Plan) -> list[Text]:

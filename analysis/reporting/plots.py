@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ from analysis.measures.result_curves import JointReversal, PathCurve, PoseCurve,
 from analysis.measures.results import Result, by_test
 from analysis.reporting.iso_plots import draw_along, draw_plane
 from analysis.reporting.iso_views import PlaneView, cube_view, path_view
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.sheet import Sheet, as_png
 
 if TYPE_CHECKING:
     pass
@@ -46,11 +46,7 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
             view = cube_view(result)
             if view is not None:
                 figures[f"{stem}-{name}-cube.png"] = partial(cube_figure, result, view)
-    return write_views(directory, {name: partial(_save, figure) for name, figure in figures.items()})
-
-
-def _save(figure: Callable[[], Figure], file: BinaryIO) -> None:
-    figure().savefig(file, format="png", dpi=150)
+    return write_views(directory, {name: as_png(figure) for name, figure in figures.items()})
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+import numpy as np
+
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.makers.target import WHY, Left
 from analysis.noise.readings import rms
@@ -40,6 +42,11 @@ def lines(program: CorrectedProgram) -> list[str]:
         f"--{overruling.kind}; from there its own count"
         for overruling in program.overruled[:_LISTED]
     ]
+    if program.start:
+        text_lines.append(
+            f"  --start-joints states that the arm stands at {_degrees(program.start)} whenever this program begins; "
+            "if it comes from another posture, its first targets are corrected for the wrong one"
+        )
     if count:
         text_lines.append(
             f"  moved by up to {moved.max():.3f} mm, {rms(moved) if len(moved) else 0.0:.3f} mm rms; "
@@ -70,6 +77,10 @@ def lines(program: CorrectedProgram) -> list[str]:
     return text_lines
 
 
+def _degrees(angles: tuple[float, ...]) -> str:
+    return ", ".join(f"{angle:g}" for angle in np.degrees(angles).round(6)) + "°"
+
+
 def _head(program: CorrectedProgram) -> str:
     """How many targets were corrected, how many left, and how many steps lie between one of each."""
     count, steps = len(program.names), len(program.beside_left_mm)
@@ -98,6 +109,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "corrected": len(program.names),
         "written": not program.held,
         "run_by_a_real_controller": False,
+        "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
         "beside_left": {
             "steps": len(program.beside_left_mm),
             "mean_mm": float(program.beside_left_mm.mean()) if len(program.beside_left_mm) else None,

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.correction.deviation import Deviation
 from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.noise.readings import rms
 from analysis.session.processes import Child
-from analysis.session.state import Answer, Deed, PartOfError, PathError
+from analysis.session.state import Answer, Deed, PartOfError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.calibration import ground_of
@@ -161,7 +162,7 @@ class Driven:
     reading_deg: Sequence[float] = (0.0,) * 6
 
 
-def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathError | None:
+def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviation | None:
     """Return how far the tool was from the commanded circle in runs, set-ups fitted; None for no runs.
 
     noise_um: scatter of one run, root mean square. The joints that a controller reports do not say where it meant to
@@ -174,7 +175,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathErr
         return None
     # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
-    return PathError(
+    return Deviation(
         um=round(1e3 * rms(every), 2),
         largest_um=round(float(1e3 * np.abs(every).max()), 2),
         u_um=round(noise_um / float(np.sqrt(len(measured))), 2),

@@ -18,6 +18,7 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
+from analysis.correction.deviation import Expected
 from analysis.correction.plays import ahead_of_plays, known_plays
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty
 from analysis.correction.support import supports
@@ -32,7 +33,7 @@ from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import MAIN, Correction, Expected, Session, Stage, Step, Way, Work
+from analysis.session.state import MAIN, Correction, Session, Stage, Step, Way, Work
 from analysis.traces.loading import Measured, load_measured
 from rigs.effects import Effect
 from rigs.errors import FileError

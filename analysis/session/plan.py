@@ -95,7 +95,8 @@ def planned(
     Raises FileError where the arm cannot drive its circle, UseError where the time is too short for anything.
     """
     if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", "add it: rig circle fit")
+        remedy = "start rigd with it, and lead the robot around the ball: rig circle fit --live --rig FILE --write"
+        raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", remedy)
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
     backbones = list(_backbones(rig, aim, main))

@@ -192,11 +192,13 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
     larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
     (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few, of which each is looked at
-    return [
-        _unit_changed(column, int(window.last_byte_ns[k + BEFORE]), float(before_mm[k]), float(after_mm[k]))
-        for k in likely
-        if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER])
-    ]
+    faults = []
+    for k in likely:
+        if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
+            change = f"from {before_mm[k]:.4f} to {after_mm[k]:.4f} mm, a factor of 25.4, and stays there"
+            detail = f"{_name(column)} went {change}: did somebody press in/mm? Switch it back, and record again"
+            faults.append(Fault(FaultKind.UNIT_CHANGED, int(window.last_byte_ns[k + BEFORE]), detail))
+    return faults
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
@@ -212,13 +214,6 @@ def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float
         if led_to.all():
             return True
     return False
-
-
-def _unit_changed(column: str, at_ns: int, before_mm: float, after_mm: float) -> Fault:
-    observation = f"{_name(column)} went from {before_mm:.4f} to {after_mm:.4f} mm, a factor of 25.4, and stays there"
-    return Fault(
-        FaultKind.UNIT_CHANGED, at_ns, f"{observation}: did somebody press in/mm? Switch it back, and record again"
-    )
 
 
 def _name(column: str) -> str:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -29,7 +28,7 @@ from daq.discovery.attempts import Probing, Sends
 from daq.discovery.reports import OF_THE_INSTRUMENT, RobotReport, evidence_of
 from daq.doctor.finding import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
-from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
+from daq.protocol.conversation import Arrival, Fault, FaultKind
 from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import number
 from daq.wire.links import LinkLost, open_link
@@ -223,13 +222,9 @@ def _try(robot: Feedback) -> _Tried:
     # An RSI that expects no answers gets none.
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
-    host = partial(_host, tried, "nothing" if robot.listens else "all")
-    stream = replace(robot_stream(tried), host=host)
+    sends: Sends = "nothing" if robot.listens else "all"
+    stream = replace(robot_stream(tried), host=lambda: Probing(feedback.host(tried), sends, _SILENCES))
     return _Tried(robot, try_line(stream, NO_LINE, _PATIENCE_S, _CONFIRM_S))
-
-
-def _host(robot: Feedback, sends: Sends) -> Host:
-    return Probing(feedback.host(robot), sends, _SILENCES)
 
 
 def _own_report(trial: Trial) -> str:

@@ -185,7 +185,10 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
         group = str(status.st_gid)
     mode = f"belongs to the group {group} with mode {status.st_mode & 0o777:o}"
     if not os.access(device, os.R_OK | os.W_OK):
-        return wrong(about, f"{port} {mode}; this user may not use it", _join(group))
+        remedy = f"join the group {group}"
+        with contextlib.suppress(KeyError, OSError):
+            remedy = f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
+        return wrong(about, f"{port} {mode}; this user may not use it", remedy)
     if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
         return doubtful(about, f"{port} {mode}; the service may use ports of {_GROUP} only", "run scripts/install")
     return None
@@ -225,12 +228,6 @@ def quick(about: str, port: str, root: Path) -> Finding | None:
         return ok(about, f"the adapter's latency timer is {ms} ms")
     observation = f"the adapter's latency timer is {ms} ms: answers wait for it, and their stamps with them"
     return doubtful(about, observation, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
-
-
-def _join(group: str) -> str:
-    with contextlib.suppress(KeyError, OSError):
-        return f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
-    return f"join the group {group}"
 
 
 def _at(port: str, root: Path) -> Path:

@@ -97,16 +97,13 @@ class _RSIDialect(Positions):
             return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
-        return Reaction((*reaction.items, *self._late_answers(message)), answer)
-
-    def _late_answers(self, message: Message) -> list[Fault]:
-        """What the controller says of our answers: it counts those that did not come in their cycle."""
-        counted = _DELAY.search(message.data)
+        # The controller counts our answers that did not come in their cycle.
+        counted, late = _DELAY.search(message.data), list[Fault]()
         before, self._delays = self._delays, int(counted[1]) if counted else 0
-        if self._delays <= before:
-            return []
-        detail = "the controller found answers late, and stops its program after too many; lower this host's load"
-        return [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+        if self._delays > before:
+            detail = "the controller found answers late, and stops its program after too many; lower this host's load"
+            late = [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+        return Reaction((*reaction.items, *late), answer)
 
 
 class _RSIController:

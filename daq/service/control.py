@@ -238,8 +238,16 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
     """Return the answer to a request line; an error is an answer too."""
+    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
+    if len(line) <= LONGEST_REQUEST:
+        try:
+            request, problem = json.loads(line), "a request is a JSON object"
+        except (ValueError, RecursionError):
+            problem = "not JSON"
+    if not isinstance(request, dict):
+        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}'))
     try:
-        return {"ok": True, **answer(_request(line))}
+        return {"ok": True, **answer(request)}
     except RigError as error:
         return _as_answer(error)
 
@@ -256,15 +264,3 @@ def _encoded(answer: dict[str, Any]) -> bytes:
         return line
     error = CellError("rigd", f"its answer has {len(line)} bytes, more than a client takes", "see its log")
     return _encoded(_as_answer(error))
-
-
-def _request(line: bytes) -> dict[str, Any]:
-    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
-    if len(line) <= LONGEST_REQUEST:
-        try:
-            request, problem = json.loads(line), "a request is a JSON object"
-        except (ValueError, RecursionError):
-            problem = "not JSON"
-    if isinstance(request, dict):
-        return request
-    raise CellError("control socket", problem, 'send {"command": "status"}')

@@ -272,6 +272,11 @@ class Daemon:
         )
 
     def _status(self) -> dict[str, Any]:
+        try:  # the disk that will hold the runs
+            usage = shutil.disk_usage(next(path for path in (self._runs, *self._runs.parents) if path.exists()))
+            disk = {"free_bytes": usage.free, "size_bytes": usage.total}
+        except OSError:
+            disk = None
         return {
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
@@ -280,7 +285,7 @@ class Daemon:
             "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
             "automatic": self._arbiter.state(),
             "retention": self._retention.state() if self._retention else None,
-            "disk": _disk(self._runs),
+            "disk": disk,
             **self._recorder.state(),
         }
 
@@ -319,15 +324,6 @@ def _warn_if_not_writable(runs: Path) -> None:
         log.warning("%s: no run can be recorded: it is a file; give rigd a directory there", runs)
     except OSError as error:
         log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
-
-
-def _disk(runs: Path) -> dict[str, int] | None:
-    """Return the free space and the size of the disk that will hold the runs; None if they are unknown."""
-    try:
-        usage = shutil.disk_usage(next(path for path in (runs, *runs.parents) if path.exists()))
-    except OSError:
-        return None
-    return {"free_bytes": usage.free, "size_bytes": usage.total}
 
 
 def _short(value: object) -> str:

@@ -82,7 +82,10 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 def look(run: Path) -> RunInfo:
     """Return what is known of one run from its directory. Raises FileNotFoundError if it is gone."""
-    size = sum(map(_size, run.iterdir()))
+    size = 0
+    for file in run.iterdir():
+        with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
+            size += file.stat().st_size
     changed_s = (run / (MANIFEST if (run / MANIFEST).exists() else LEDGER)).stat().st_mtime
     try:
         manifest, marks = load_manifest(run), load_marks(run)
@@ -93,12 +96,6 @@ def look(run: Path) -> RunInfo:
     if status == "recording" or any(run.glob("*.arrow")):
         status = "recording" if durable.may_be_locked(run) else "crashed"
     return RunInfo(run, manifest, marks, status, size, ended_s)
-
-
-def _size(file: Path) -> int:
-    with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
-        return file.stat().st_size
-    return 0
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:

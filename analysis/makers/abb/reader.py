@@ -18,7 +18,7 @@ from analysis.makers.machine import OFF, Call, Program, Set, Unknown, Value
 from analysis.makers.numbers import Decimals
 from analysis.makers.points import Points, as_value
 from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
@@ -28,6 +28,8 @@ _DATA = re.compile(
     r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
     re.IGNORECASE,
 )
+_ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
+"""Where a target begins in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
@@ -108,7 +110,14 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
         declares.add(name)
         local = bool(declared["local"]) and declared["local"].strip().upper() == "LOCAL"
         of_program = file < reader.points.files
-        if kind in ("robtarget", "jointtarget") and of_program and declared["value"] and not declared["array"]:
+        if kind not in ("robtarget", "jointtarget"):
+            if kind in ("tooldata", "wobjdata"):
+                _declare_frame(reader, file, kind, declared, stated, shares=not local)
+        elif of_program and declared["value"] and declared["array"]:
+            for element in _ELEMENT.finditer(declared["value"]):
+                line = reader.lines[file].at(declared.start("value") + element.end() - 1)
+                reader.points.leave(Left(file, line, declared["name"], "array"))
+        elif of_program and declared["value"]:
             begin = declared.start("value")
             target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
             if target:
@@ -116,8 +125,6 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
                 reader.points.declare(name, target, reason)
                 if not local:
                     reader.shared.add(name)
-        elif kind in ("tooldata", "wobjdata"):
-            _declare_frame(reader, file, kind, declared, stated, shares=not local)
     reader.declares.append(declares)
 
 

@@ -42,7 +42,6 @@ from analysis.makers.target import (
     Target,
     arguments,
     brackets,
-    may_be_skipped,
     words,
 )
 from analysis.robot_programs.posture import beyond_stretch, wrist_in_front
@@ -353,8 +352,7 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
     for call in _CALL.finditer(text, begin, end):
         closing = call.end() + brackets(text[call.end() - 1 : end]).get(0, end - call.end() + 1) - 1
         if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
-            take = reader.blocks.perhaps if may_be_skipped(text, begin, call.start()) else reader.blocks.add
-            take(reader.called(call.start(), call[1]))
+            reader.blocks.evaluated(text[begin : call.start()], reader.called(call.start(), call[1]))
             _handed(reader, call.end(), closing)
         elif call[1].lower() in _WRITES:
             _handed(reader, call.end(), closing)

@@ -58,18 +58,14 @@ def run(text: str, _: str, machine: Machine) -> None:
     match = _HEADER.fullmatch(text.replace("\r\n", "\n"))
     if not match or not _NAME.fullmatch(match[1]):
         raise ProgramError("the sections /PROG /ATTR /MN /POS /END are not in order")
-    _Controller(_positions(match[3]), machine).obey(_lines(match[2]))
-
-
-def _lines(text: str) -> list[str]:
-    lines, at = list[str](), 0
-    while at < len(text):
-        match = _LINE.match(text, at)
-        if not match or int(match[1]) != len(lines) + 1 or ";" in match[2]:
-            raise ProgramError(f"{text[at : at + 40]!r} is not line {len(lines) + 1}")
-        lines.append(match[2])
-        at = match.end()
-    return lines
+    lines, at, body = list[str](), 0, match[2]
+    while at < len(body):
+        numbered = _LINE.match(body, at)
+        if not numbered or int(numbered[1]) != len(lines) + 1 or ";" in numbered[2]:
+            raise ProgramError(f"{body[at : at + 40]!r} is not line {len(lines) + 1}")
+        lines.append(numbered[2])
+        at = numbered.end()
+    _Controller(_positions(match[3]), machine).obey(lines)
 
 
 def _positions(text: str) -> dict[int, _Position]:

@@ -13,8 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-import numpy as np
-
 from analysis.kinematics.arm import Arm, Array, Mask
 from analysis.makers.machine import (
     HERE,
@@ -54,7 +52,7 @@ from analysis.makers.target import (
     lines_of,
     with_newlines,
 )
-from analysis.robot_programs.posture import posture_of, turns
+from analysis.robot_programs.posture import agreeing, turns
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
 """A controller prints three decimals; whether it takes more is not known, so no decimals are added."""
@@ -204,16 +202,7 @@ def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | N
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Which solutions q (n, 6) rad agree with flip, up, front and the turns of axes 4 to 6, in the sense of `rig
     program`."""
-
-    def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        counts = [{turns(float(turned_q[axis])) for turned_q in around} for axis in (3, 4, 5)]
-        return (stands.flip, stands.up, stands.front) == values[:3] and all(
-            n in counts_of_axis for n, counts_of_axis in zip(values[3:], counts, strict=True)
-        )
-
-    return np.array([agrees(angles) for angles in q])
+    return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
 
 
 def _number(component: re.Match[str], begin: int) -> Number:
@@ -352,20 +341,15 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
         else:
             blocks.branch()
     else:  # IF …, action; and the lines of SELECT
-        _, _, action = _split(text)
+        depth, action = 0, ""  # behind the comma that is outside of brackets
+        for at, letter in enumerate(text):
+            depth += (letter in "([") - (letter in ")]")
+            if letter == "," and depth == 0:
+                action = text[at + 1 :]
+                break
         blocks.branch()
         _statement(reader, action.strip(), last_line)
         blocks.close()
-
-
-def _split(text: str) -> tuple[str, str, str]:
-    """Return a condition and the action behind its comma, which is outside of brackets."""
-    depth = 0
-    for at, letter in enumerate(text):
-        depth += (letter in "([") - (letter in ")]")
-        if letter == "," and depth == 0:
-            return text[:at], ",", text[at + 1 :]
-    return text, "", ""
 
 
 def _mentioned(reader: _Reader, text: str) -> None:

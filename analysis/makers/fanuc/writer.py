@@ -87,7 +87,13 @@ def feed(plan: Plan) -> dict[str, str]:
         return {}
     if (address := tcp_address(plan.feedback.port)) is None:
         return {}
-    line = f", {_literal(plan.feedback.separator)}, ".join(map(_field, plan.feedback.fields))
+    separator = plan.feedback.separator
+    if not separator.isascii():
+        raise FileError("feedback", f"KAREL cannot print the separator {separator!r}", "choose one in ASCII")
+    # What cannot stand between quotes is written by its number.
+    parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
+    literal = f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
+    line = f", {literal}, ".join(map(_field, plan.feedback.fields))
     numbered = []
     if SIGNAL in plan.feedback.fields:  # the number that the outputs show, the first output the least
         numbered = ["signal = 0"]
@@ -96,14 +102,6 @@ def feed(plan: Plan) -> dict[str, str]:
     signal = "".join(f"        {line_of_signal}\n" for line_of_signal in numbered)
     text = _PROGRAM.format(port=address[1], line=line, signal=signal, period=_PERIOD_MS)
     return {"RIGFEED.KL": text}
-
-
-def _literal(separator: str) -> str:
-    """A text of KAREL: what cannot stand between quotes by its number. Raises FileError for what is not ASCII."""
-    if not separator.isascii():
-        raise FileError("feedback", f"KAREL cannot print the separator {separator!r}", "choose one in ASCII")
-    parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
-    return f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
 
 
 def _field(name: str) -> str:
@@ -143,17 +141,13 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
     set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
     frames = ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
-    return {f"{name}.LS": _program(name, [*remarks, *frames, *moves], positions), **feed(plan)}
-
-
-def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
     numbered = []
-    for number, line in enumerate(lines, start=1):
-        first, *continued = line.split("\n")  # a second line of an instruction, the end of an arc, has no number
+    for number, instruction in enumerate([*remarks, *frames, *moves], start=1):
+        first, *continued = instruction.split("\n")  # its second line, the end of an arc, has no number
         numbered.append("\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;")
     points = [f"P[{number}]{{\n   GP1:\n{text}\n}};" for text, number in positions.items()]
     head = [f"/PROG  {name}", "/ATTR", 'COMMENT\t\t= "RIG PROGRAM";', "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
-    return "\n".join([*head, *numbered, "/POS", *points, "/END", ""])
+    return {f"{name}.LS": "\n".join([*head, *numbered, "/POS", *points, "/END", ""]), **feed(plan)}
 
 
 def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:

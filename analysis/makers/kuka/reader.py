@@ -88,10 +88,9 @@ def parse(texts: Texts) -> Parsed:
             return Unknown(0, 0, "nothing in these files sets it before")
         return "checked" if part == LINES else OFF
 
+    kept, stem = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"), texts.names[0].rpartition(".")[0].upper()
     return reader.points.parsed(
-        Program(
-            reader.routines, initial, tuple(reader.beside), kept=("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp")
-        )
+        Program(reader.routines, initial, tuple(reader.beside), kept=kept, starts=f"{stem}:{stem}")
     )
 
 

@@ -47,7 +47,6 @@ from analysis.makers.target import (
     Target,
     arguments,
     brackets,
-    may_be_skipped,
     words,
 )
 from analysis.robot_programs.posture import beyond_stretch, wrist_in_front
@@ -299,7 +298,7 @@ def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     for call in _CALL.finditer(line):
         statement = reader.called(file, begin, call[1])
         if reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
-            (reader.blocks.perhaps if may_be_skipped(line, 0, call.start()) else reader.blocks.add)(statement)
+            reader.blocks.evaluated(line[: call.start()], statement)
             for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])

@@ -47,7 +47,6 @@ from analysis.makers.target import (
     brackets,
     in_one_line,
     lines_of,
-    may_be_skipped,
     numbers_in,
     with_newlines,
     words,
@@ -167,6 +166,7 @@ class _Reader:
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     open: list[tuple[str, Blocks]] = field(default_factory=lambda: [("", Blocks())])
     beside: list[Call] = field(default_factory=list)
+    outer: list[str] = field(default_factory=list)
 
     def left(self, place: int, reason: Reason, name: str) -> Left:
         return Left(0, self.lines.at(place), name[:60], reason)
@@ -201,7 +201,16 @@ def parse(texts: Texts) -> Parsed:
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    return reader.points.parsed(Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",)))
+    return reader.points.parsed(
+        Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",), starts=_starts(reader))
+    )
+
+
+def _starts(reader: _Reader) -> str | None:
+    """Return the routine that runs when a script is sent: what stands outside of all, or the only one around others."""
+    if reader.routines[""]:
+        return ""
+    return reader.outer[0] if len(reader.outer) == 1 else None
 
 
 def _initial(part: str) -> Value:
@@ -240,6 +249,8 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
     waiting = ""
     for event in ordered:
         if event["routine"]:
+            if event["routine"] == "def" and len(reader.open) == 1:
+                reader.outer.append(event["name"])
             reader.open.append((event["name"], Blocks()))
             if event["routine"] == "sec":
                 reader.beside.append(Call(event["name"], reader.why(event.start(), f"{event['name']} runs beside")))
@@ -317,9 +328,9 @@ def _end_routine(reader: _Reader) -> None:
         reader.routines[name] = blocks.done()
 
 
-def _misread(reader: _Reader, place: int, what: str = "the blocks do not end where they should") -> None:
+def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
     """What does not end where it should is of a language that is not known: anything may happen."""
-    reader.beside.append(Call("\0", reader.why(place, what)))
+    reader.beside.append(Call("\0", reader.why(place, fault)))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:
@@ -327,10 +338,8 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
     name, at, blocks = event["call"], event.start(), reader.blocks
     end = reader.closes.get(event.end() - 1)
     if name in reader.defined:
-        take = blocks.add
-        if may_be_skipped(reader.text, reader.text.rfind("\n", 0, at) + 1, at):
-            take = blocks.perhaps
-        take(Call(name, reader.why(at, f"{name} is called")))
+        before = reader.text[reader.text.rfind("\n", 0, at) + 1 : at]
+        blocks.evaluated(before, Call(name, reader.why(at, f"{name} is called")))
     elif name in _WAYS:
         if end is None:
             _leave(reader, at, "computed", name)

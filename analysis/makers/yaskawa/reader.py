@@ -50,7 +50,7 @@ from analysis.makers.target import (
     with_newlines,
     words,
 )
-from analysis.robot_programs.posture import posture_of
+from analysis.robot_programs.posture import agreeing
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
 """The job format's own resolution."""
@@ -194,7 +194,12 @@ def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
     flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
     form: Form = "pulses" if pulses else "roll_pitch_yaw"
     target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
-    reader.points.declare(reader.key(position[1]), target, _reason(position[1], len(numbers)))
+    reason: Reason | None = None if len(numbers) == 6 else "incomplete"
+    if position[1][0] in "BE" or len(numbers) > 6:
+        reason = "external_axes"
+    elif position[1][0] == "P":
+        reason = "not_literal"
+    reader.points.declare(reader.key(position[1]), target, reason)
 
 
 def _frame(kind: str, user: str) -> str:
@@ -205,24 +210,8 @@ def _frame(kind: str, user: str) -> str:
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
     program`, and whether R, T and S stand beyond half a turn."""
-
-    def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        sides = [{int(not -np.pi < turned_q[axis] <= np.pi) for turned_q in around} for axis in (3, 5, 0)]
-        return (not stands.flip, not stands.up, not stands.front) == values[:3] and all(
-            n in sides_of_axis for n, sides_of_axis in zip(values[3:], sides, strict=True)
-        )
-
-    return np.array([agrees(angles) for angles in q])
-
-
-def _reason(name: str, count: int) -> Reason | None:
-    if name[0] in "BE" or count > 6:
-        return "external_axes"
-    if name[0] == "P":
-        return "not_literal"
-    return None if count == 6 else "incomplete"
+    sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
+    return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _instruction(reader: _Reader, text: str) -> None:

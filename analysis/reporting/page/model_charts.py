@@ -74,7 +74,13 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
     """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
     stairs = stairs_of(diagnosis, texts)
     strands, _ = strands_of(diagnosis)
-    charts = [_of_circle(strand, title, texts) for strand, title in zip(strands, _titles(strands, texts), strict=True)]
+    charts, count, so_far = [], Counter(strand.title for strand in strands), Counter[str]()
+    for strand in strands:  # `yaw acw, angle`; several of one title, of circles at several places, with their number
+        title = strand.title
+        so_far[title] += 1
+        if count[title] > 1:
+            title = texts("chart_place", what=title, number=so_far[title])
+        charts.append(_of_circle(strand, title, texts))
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
     steps = (
@@ -86,15 +92,6 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
         *charts,
         *(_of_targets(*both, texts) for both in list(zip(diagnosis.maps, steps, strict=True))[:_MOST_MAPS]),
     ]
-
-
-def _titles(strands: Sequence[Strand], texts: Texts) -> list[str]:
-    """`yaw acw, angle` of each; several of one title, which stand for circles at several places, with their number."""
-    count, so_far, titles = Counter(strand.title for strand in strands), Counter[str](), []
-    for title in (strand.title for strand in strands):
-        so_far[title] += 1
-        titles.append(texts("chart_place", what=title, number=so_far[title]) if count[title] > 1 else title)
-    return titles
 
 
 def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:
