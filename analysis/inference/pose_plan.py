@@ -89,14 +89,14 @@ class PlannedPoses:
             "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
         ]
         as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
-        beside = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
+        compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
                 "each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
-                f"its play; {beside}: measure some as well to calibrate the arm"
+                f"its play; {compared}: measure some as well to calibrate the arm"
             )
         else:
-            lines.append(f"{beside}; {as_good}")
+            lines.append(f"{compared}; {as_good}")
         if left_out := self.asked - len(self.q):
             lines.append(
                 f"{left_out} of {self.asked} have no way from another, clear and within limits; they are left out"

@@ -21,6 +21,7 @@ from analysis.reporting.diagnosis_words import (
     beside_u,
     closed,
     percent,
+    remains_lines,
     runs_of,
     shortened,
     size,
@@ -29,7 +30,6 @@ from analysis.reporting.diagnosis_words import (
 )
 from analysis.reporting.places_table import places_table
 from analysis.reporting.plain_console import whole
-from analysis.reporting.remains_words import remains_lines
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of

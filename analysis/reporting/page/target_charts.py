@@ -109,9 +109,9 @@ def _axis(curve: AxisCurve, texts: Texts) -> Chart:
     """The error of the angle of an axis that was driven alone, by the way it turned."""
     ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", curve.up_deg), ("down", "cw", curve.down_deg))
     lines = tuple(
-        Line(texts(f"turned_{way}"), role, curve.angle_deg[there], 1e3 * off[there], points=True)
+        Line(texts(f"turned_{way}"), role, curve.angle_deg[reached], 1e3 * off[reached], points=True)
         for way, role, off in ways
-        if (there := np.isfinite(off)).any()
+        if (reached := np.isfinite(off)).any()
     )
     title = texts("chart_axis", axis=curve.axis)
     return Chart(title, texts("caption_axis"), "targets", texts("angle_of_axis"), texts("error_of_angle"), "m°", lines)

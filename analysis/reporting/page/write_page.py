@@ -24,7 +24,7 @@ from analysis.inference.acts import is_done
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
-from analysis.reporting.diagnosis_words import micrometres
+from analysis.reporting.diagnosis_words import micrometres, remains_lines, remains_rows
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.budget_table import budget_table, step_table
 from analysis.reporting.page.chart import Picture
@@ -38,7 +38,6 @@ from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.trace import instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
-from analysis.reporting.remains_words import remains_lines, remains_rows
 from analysis.reporting.texts import Language, Texts, texts_of
 from rigs.distribution import version
 
