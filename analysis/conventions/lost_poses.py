@@ -25,16 +25,13 @@ from analysis.conventions.two_placings import two_placings
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM
-from analysis.noise.wild import NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.noise.wild import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.traces.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
 
 _LEAST_RAD = 0.001
 """The least that a turn counts as a standard deviation: ten times what trackers resolve."""
-_FITTED_SPREADS = 6.0
-"""Robust standard deviations from which a place is wild beside an arm whose constants are fitted. Measured: of 1600
-poses of a UR10 and a UR5, in sets of 30 to 400, the farthest lay at 4.2, readings that are 2 mm wrong at 30."""
 _SPARE, _FITTED = 30, 300
 """Readings beyond the unknowns without which such a fit shows nothing, and poses that are enough for it."""
 _KEPT = 6
@@ -123,7 +120,7 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
             break
         mm = np.linalg.norm(seen.xyz_mm - forward(fitted.arm, seen.q)[:, :3, 3], axis=1)
         spreads = spreads_of(mm, TARGET_MM.high)
-        far, before, near = spreads > _FITTED_SPREADS, near, spreads <= NEAR
+        far, before, near = spreads > FITTED_SPREADS, near, spreads <= NEAR
         if (near == before).all():
             break
     return mm, far

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.geometry.pose_setup import fit_arm
+from analysis.geometry.pose_setup import FittedArm, fit_arm
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.traces.tables import PoseTable
 
@@ -19,9 +19,11 @@ _FEWEST_ROWS, _SPLITS, _MOST = 8, 24, 300
 and rows that are fitted."""
 _SPARE = 30
 """Readings beyond the unknowns without which such a fit shows nothing."""
-_SHARE = 0.7
+_SHARE = 0.6
 """Share of what remains that a second placing has to leave at most. Of a UR10 and a UR5, measured over hours, the best
-of all splits leaves 0.96 and more, of 30 to 1495 poses."""
+of all splits leaves 0.86 and more, of 30 to 1495 poses."""
+_DETERMINED = 1e-6
+"""Share of the largest singular value from which on a direction is an unknown."""
 _LEAST_MM = 0.05
 """Below what the noise of a tracker is, nothing was moved."""
 
@@ -38,9 +40,9 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if fitted.spare < _SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
-    error, best, words = xyz_mm - T[:, :3, 3], _SHARE * fitted.rms_mm, ""
+    best, words = _SHARE * fitted.rms_mm, ""
     for part, called in _parts(rows):
-        after = _left_mm(T, error, part, fitted.spare)
+        after = _left_mm(fitted, T, part)
         if after < best:
             best, words = after, called
     if not words:
@@ -59,15 +61,16 @@ def _parts(rows: Array) -> Iterator[tuple[Mask, str]]:
     yield rows % 2 == 0, "every other row"
 
 
-def _left_mm(T: Array, error: Array, part: Mask, spare: int) -> float:
-    """What errors (n, 3) mm of tool poses T (n, 4, 4) leave, rms mm corrected for the unknowns, where a part of them is
-    shifted, turned and has its target elsewhere."""
-    if min(part.sum(), (~part).sum()) < _FEWEST_ROWS or spare <= 9:
+def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
+    """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
+    and has its target elsewhere, the constants fitted beside it."""
+    if min(part.sum(), (~part).sum()) < _FEWEST_ROWS:
         return np.inf
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     x, y, z, zero = *p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
     shifted = np.tile(np.eye(3), (len(p), 1, 1))
-    design = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
-    left = error.ravel() - design @ np.linalg.lstsq(design, error.ravel(), rcond=None)[0]
-    return float(np.sqrt(3 * (left @ left) / (spare - 9)))
+    placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
+    design = np.concatenate([fitted.design, placing], axis=1)
+    left = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=_DETERMINED)[0]
+    return float(np.sqrt(3 * (left @ left) / (fitted.spare - 9)))

@@ -406,8 +406,8 @@ def _otherwise(
             ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
     ways.sort(key=lambda pose_of_pose: pose_of_pose[0].share)
     # A zero half a turn off and an axis behind it that counts the other way are the same: a map states the latter.
-    alike = [way for way in ways if way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy]
-    ways = [*alike, *(way for way in ways if way not in alike)]
+    if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
+        ways = [way for way in ways if not way[0].remedy]
     read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
             for way, _, named, pose in ways]  # fmt: skip
     if not read or not read[0][0].fits:

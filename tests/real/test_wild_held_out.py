@@ -40,3 +40,6 @@ def test_two_wild_readings_of_twenty_do_not_judge(tmp_path: Path) -> None:
     wild_um, doubts = _held_out(tmp_path / "wild", {4: (0.0, 2.0, 0.0), 13: (5.0, 0.0, 0.0)})
     assert doubts[0].startswith("2 of 20 poses of pose are wild, up to 4.8 mm off")
     assert wild_um == pytest.approx(clean_um, abs=15)
+    wild_um, doubts = _held_out(tmp_path / "near", {4: (0.0, 1.0, 0.0), 13: (0.0, 0.0, 1.0)})
+    assert doubts[0].startswith("2 of 20 poses of pose are wild, up to 1.")
+    assert wild_um == pytest.approx(clean_um, abs=15)
